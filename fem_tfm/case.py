@@ -1,0 +1,687 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The case: what to solve, with units, defaults and ranges.
+
+A case is a TOML file or a dictionary of the same shape; SI units. Every key is declared once
+here, with its default, unit, meaning and range. A new key is one line in its table; a new
+kind of flow is one line in `FLOWS`. Whatever is wrong raises `InputError`; nothing is written.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args, get_origin
+
+import tomli_w
+from mpi4py import MPI
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_serializer,
+    field_validator,
+    model_validator,
+)
+from pydantic.fields import FieldInfo
+
+from fem_tfm.errors import InputError, nearest
+from fem_tfm.species import SPECIES
+
+if TYPE_CHECKING:
+    from fem_tfm.closures.base import Closure
+    from fem_tfm.closures.materials import Gas as GasMaterial
+    from fem_tfm.closures.materials import Solids as SolidsMaterial
+    from fem_tfm.output.result import Result
+
+FLOWS = {"dense": "fem_tfm.flows.dense"}
+
+QUANTITIES = {
+    "pressure_gradient": "Pa/m",
+    "pressure_drop": "Pa",
+    "solids_mass_flow": "kg/s",
+    "gas_mass_flow": "kg/s",
+    "holdup": "-",
+    "max_solids_fraction": "-",
+    "bed_fraction": "-",
+    "slip_velocity": "m/s",
+}
+
+FIELDS = ("alpha_s", "u_s", "u_g", "theta", "pressure")
+
+FEEDS = ("solids_fraction", "solids_superficial_velocity", "solids_mass_flow")
+
+
+def _key(default: Any, unit: str, doc: str, **bounds: float) -> Any:
+    """Declare a key: default (... = required), unit, meaning and range (gt, ge, lt, le)."""
+    return Field(default, description=doc, json_schema_extra={"unit": unit}, **bounds)
+
+
+class Table(BaseModel):
+    """A table of the case file: immutable, no unknown keys, no silent conversions."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, validate_default=True
+    )
+
+
+class Geometry(Table):
+    """The conveying line; its section lies in x, y with y up, z downstream."""
+
+    shape: Literal["pipe", "duct"] = _key("pipe", "", "shape of the section")
+    diameter: float | None = _key(None, "m", "inner diameter of a pipe", gt=0, le=100)
+    width: float | None = _key(None, "m", "inner width of a duct", gt=0, le=100)
+    height: float | None = _key(None, "m", "inner height of a duct, default width", gt=0, le=100)
+    length: float = _key(1.0, "m", "length over which the pressure drop is told", gt=0, le=1e5)
+    inclination_deg: float = _key(0.0, "deg", "angle above the horizontal", ge=-90, le=90)
+    symmetry: Literal["auto", "half", "none"] = _key("auto", "", "part of the section solved")
+
+    @model_validator(mode="after")
+    def _sizes_of_the_shape(self) -> Self:
+        """A pipe has a diameter, a duct a width; neither has the other's."""
+        needed, foreign = ("diameter", ("width", "height"))
+        if self.shape == "duct":
+            needed, foreign = ("width", ("diameter",))
+        for name in foreign:
+            if getattr(self, name) is not None:
+                allowed = f"geometry.{needed} in its place for shape {self.shape!r}"
+                raise InputError(f"geometry.{name}", getattr(self, name), allowed)
+        if getattr(self, needed) is None:
+            allowed = f"{_allowed(Geometry.model_fields[needed])} for shape {self.shape!r}"
+            raise InputError(f"geometry.{needed}", None, allowed)
+        return self
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the section [m]."""
+        if self.shape == "pipe":
+            return self.diameter, self.diameter
+        return self.width, self.height or self.width
+
+    @property
+    def area(self) -> float:
+        """Area A of the whole section [m2]."""
+        width, height = self.size
+        return width * height * (math.pi / 4 if self.shape == "pipe" else 1)
+
+    @property
+    def hydraulic_diameter(self) -> float:
+        """D_h = 4 A/perimeter [m]."""
+        width, height = self.size
+        return 2 * width * height / (width + height)
+
+
+class Gas(Table):
+    """The gas: its density, or an ideal gas at a pressure and temperature."""
+
+    density: float | None = _key(None, "kg/m3", "density", gt=0, le=2000)
+    species: str | None = _key(None, "", "an ideal gas by its name")
+    gas_constant: float | None = _key(None, "J/kg/K", "an ideal gas by R", gt=0, le=5000)
+    pressure: float | None = _key(None, "Pa", "absolute pressure of an ideal gas", gt=0, le=1e9)
+    temperature: float = _key(293.0, "K", "temperature", gt=0, le=5000)
+    viscosity: float | None = _key(
+        None, "Pa s", "dynamic viscosity, default that of the species", gt=0, le=1
+    )
+
+    @field_validator("species")
+    @classmethod
+    def _known_species(cls, name: str | None) -> str | None:
+        if name is not None and name not in SPECIES:
+            raise InputError("gas.species", name, _one_of(SPECIES), nearest(name, SPECIES))
+        return name
+
+    @model_validator(mode="after")
+    def _one_density(self) -> Self:
+        """Exactly one of density, species and gas_constant; a viscosity or a species."""
+        _exactly_one(self, "gas", ("density", "species", "gas_constant"))
+        if self.density is not None and self.pressure is not None:
+            allowed = "no pressure beside gas.density; give gas.species for an ideal gas"
+            raise InputError("gas.pressure", self.pressure, allowed)
+        if self.density is None and self.pressure is None:
+            raise InputError("gas.pressure", None, _allowed(Gas.model_fields["pressure"]))
+        if self.viscosity is None and self.species is None:
+            raise InputError("gas.viscosity", None, _allowed(Gas.model_fields["viscosity"]))
+        return self
+
+    @property
+    def gas_density(self) -> float:
+        """The density given, or rho = p/(R T) [kg/m3]."""
+        if self.density is not None:
+            return self.density
+        constant = self.gas_constant or SPECIES[self.species].gas_constant
+        return self.pressure / (constant * self.temperature)
+
+    @property
+    def gas_viscosity(self) -> float:
+        """The viscosity given, or that of the species at the temperature [Pa s]."""
+        return self.viscosity or SPECIES[self.species].viscosity(self.temperature)
+
+
+class Solids(Table):
+    """The particles: spheres of one size."""
+
+    density: float = _key(..., "kg/m3", "density of the particle", gt=0, le=25000)
+    diameter: float = _key(..., "m", "diameter of the particle", gt=0, le=0.1)
+    restitution: float = _key(0.7, "", "particle-particle restitution", gt=0, le=1)
+    packing_limit: float = _key(0.63, "", "largest solids fraction", gt=0, lt=0.7406)
+    friction_limit: float = _key(0.4, "", "solids fraction where friction begins", gt=0, lt=0.7406)
+    friction_angle_deg: float = _key(32.0, "deg", "angle of internal friction", gt=0, lt=90)
+
+    @model_validator(mode="after")
+    def _ordered_limits(self) -> Self:
+        if self.friction_limit >= self.packing_limit:
+            allowed = f"a number below solids.packing_limit = {self.packing_limit}"
+            raise InputError("solids.friction_limit", self.friction_limit, allowed)
+        return self
+
+
+class Operation(Table):
+    """How the line is driven: the flux of gas, and the hold-up or the flux of solids."""
+
+    gas_superficial_velocity: float = _key(
+        ..., "m/s", "gas volume flow over the area of the section", gt=0, le=300
+    )
+    solids_fraction: float | None = _key(
+        None, "", "mean solids fraction of the section (hold-up)", gt=0, lt=0.7406
+    )
+    solids_velocity: float | None = _key(
+        None, "m/s", "with solids_fraction: their product is the solids flux", gt=0, le=300
+    )
+    solids_superficial_velocity: float | None = _key(
+        None, "m/s", "solids volume flow over the area of the section", gt=0, le=300
+    )
+    solids_mass_flow: float | None = _key(None, "kg/s", "mass flow of solids", gt=0, le=1e5)
+    outlet_pressure: float | None = _key(None, "Pa", "absolute outlet pressure", gt=0, le=1e9)
+    gravity: float = _key(9.81, "m/s2", "acceleration of gravity", ge=0, le=1000)
+
+    @model_validator(mode="after")
+    def _one_feed(self) -> Self:
+        if any(getattr(self, name) is not None for name in FEEDS):
+            _exactly_one(self, "operation", FEEDS)
+        if self.solids_velocity is not None and self.solids_fraction is None:
+            allowed = "operation.solids_fraction beside it"
+            raise InputError("operation.solids_velocity", self.solids_velocity, allowed)
+        return self
+
+
+KINDS = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+}
+
+LIMITS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
+
+LAWS = ("drag", "radial", "granular", "friction", "turbulence")
+
+
+class Closures(Table):
+    """The laws of the model: each a name, or a table { model = name, parameter = value }."""
+
+    drag: Any = _key("three-zone", "", "gas-solids drag")
+    radial: Any = _key("savage", "", "radial distribution at contact")
+    granular: Any = _key("gidaspow", "", "kinetic theory of granular flow")
+    theta: Literal["transport", "algebraic"] = _key("transport", "", "granular temperature")
+    friction: Any = _key("berzi", "", "frictional stress of the solids")
+    turbulence: Any = _key("mixing-length", "", "turbulence of the gas")
+    friction_feeds_theta: bool = _key(False, "", "frictional work becomes granular temperature")
+
+    @field_validator(*LAWS, mode="before")
+    @classmethod
+    def _law(cls, spec: Any, info: ValidationInfo) -> Closure:
+        return _make_law(info.field_name, spec, f"closures.{info.field_name}")
+
+    @field_serializer(*LAWS)
+    def _table(self, law: Closure) -> dict[str, Any]:
+        return _law_table(law)
+
+
+class Walls(Table):
+    """The laws at the wall, and the distance from it at which the gas law holds."""
+
+    gas: Any = _key("log-law", "", "gas at the wall")
+    solids: Any = _key("schneiderbauer", "", "solids at the wall")
+    distance: float | None = _key(
+        None, "m", "distance of the wall law, default 1 % of the hydraulic diameter", gt=0, le=10
+    )
+
+    @field_validator("gas", "solids", mode="before")
+    @classmethod
+    def _law(cls, spec: Any, info: ValidationInfo) -> Closure:
+        return _make_law(f"{info.field_name}-wall", spec, f"walls.{info.field_name}")
+
+    @field_serializer("gas", "solids")
+    def _table(self, law: Closure) -> dict[str, Any]:
+        return _law_table(law)
+
+
+LAW_DEFAULTS = {
+    **{f"closures.{name}": Closures.model_fields[name].default for name in LAWS},
+    **{f"walls.{name}": Walls.model_fields[name].default for name in ("gas", "solids")},
+}
+
+
+class Numerics(Table):
+    """How finely and how strictly to solve."""
+
+    level: int = _key(3, "", "finest mesh level, 1 = coarsest", ge=1, le=12)
+    mesh_size: float | None = _key(None, "m", "mesh size in place of the level", gt=0, le=100)
+    wall_grading: float | None = _key(
+        None, "", "wall cell over core cell, default that of the mesh", gt=0, le=1
+    )
+    cells: Literal["triangle", "quadrilateral"] = _key("triangle", "", "shape of the cells")
+    tolerance: float = _key(1e-9, "", "largest update that counts as steady", gt=0, lt=1)
+    max_steps: int = _key(200, "", "largest number of pseudo-time steps", ge=1, le=1000000)
+    error_target: float | None = _key(
+        None, "", "refine until the estimated relative error is below", gt=0, lt=1
+    )
+    alpha_diffusion: float | None = _key(
+        None, "m2/s", "diffusion of logit(alpha_s), default that of the flow", ge=0, le=1
+    )
+    theta_floor: float = _key(1e-8, "m2/s2", "smallest granular temperature", ge=0, le=1)
+    quadrature_degree: int = _key(5, "", "degree of the quadrature", ge=1, le=20)
+
+
+class Output(Table):
+    """What is written beside the answer."""
+
+    fields: Annotated[tuple[Literal[FIELDS], ...], Field(strict=False)] = _key(
+        FIELDS, "", "fields in fields.xdmf"
+    )
+    pictures: bool = _key(True, "", "write pictures")
+    xdmf: bool = _key(True, "", "write fields.xdmf")
+
+
+class Reference(Table):
+    """A published value, printed beside the answer."""
+
+    quantity: Literal[tuple(QUANTITIES)] = _key(..., "", "quantity of the result")
+    value: float = _key(..., "", "published value in the quantity's SI unit")
+    source: str = _key(..., "", "where it is published", min_length=1)
+
+
+class Case(Table):
+    """One problem. `Case.load(path)`, `Case.from_dict(d)` or `Case(geometry={...}, ...)`.
+
+    Raises `InputError` for an unknown key, a value of the wrong type or outside its range, and for
+    values that contradict each other.
+    """
+
+    title: str = _key("", "", "one line about the case")
+    flow: Literal[tuple(FLOWS)] = _key("dense", "", "kind of flow")
+    solution: Literal["auto", "developed"] = _key("auto", "", "how the axis is treated")
+    inferred: Annotated[tuple[str, ...], Field(strict=False)] = _key(
+        (), "", "inputs that the source does not print"
+    )
+    geometry: Geometry = _key(..., "", "conveying line")
+    gas: Gas = _key(..., "", "gas")
+    solids: Solids | None = _key(None, "", "particles; without the table the gas flows alone")
+    operation: Operation = _key(..., "", "fluxes, hold-up, gravity")
+    closures: Closures = Field(default_factory=Closures, description="laws of the model")
+    walls: Walls = Field(default_factory=Walls, description="laws at the wall")
+    numerics: Numerics = Field(default_factory=Numerics, description="mesh and solver")
+    output: Output = Field(default_factory=Output, description="files")
+    reference: Annotated[tuple[Reference, ...], Field(strict=False)] = _key(
+        (), "", "published values"
+    )
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**_plain(values))
+        except ValidationError as error:
+            raise _input_error(error) from None
+
+    @model_validator(mode="after")
+    def _feed_and_solids_agree(self) -> Self:
+        """Solids need a feed and a feed needs solids; a hold-up lies below packing."""
+        feeds = [name for name in FEEDS if getattr(self.operation, name) is not None]
+        if self.solids is None and feeds:
+            value = getattr(self.operation, feeds[0])
+            raise InputError(f"operation.{feeds[0]}", value, "a table [solids] beside it")
+        if self.solids is None:
+            return self
+        if not feeds:
+            raise InputError(f"operation.{FEEDS[0]}", None, f"one of {', '.join(FEEDS)}")
+        fraction, limit = self.operation.solids_fraction, self.solids.packing_limit
+        if fraction is not None and fraction >= limit:
+            allowed = f"a number below solids.packing_limit = {limit}"
+            raise InputError("operation.solids_fraction", fraction, allowed)
+        return self
+
+    @model_validator(mode="after")
+    def _sizes_fit(self) -> Self:
+        """Particles, wall distance and mesh are smaller than the section."""
+        width = self.geometry.hydraulic_diameter
+        sizes = {
+            "solids.diameter": (self.solids and self.solids.diameter, width),
+            "walls.distance": (self.walls.distance, width / 2),
+            "numerics.mesh_size": (self.numerics.mesh_size, width),
+        }
+        for key, (size, limit) in sizes.items():
+            if size is not None and size >= limit:
+                raise InputError(key, size, f"a length below {limit:g} m, to fit in the section")
+        return self
+
+    @classmethod
+    def load(cls, path: str | Path, overrides: Iterable[str] = ()) -> Case:
+        """Read a TOML file; `overrides` are texts "key=value" as given to --set."""
+        values = _read(Path(path))
+        for key, value in map(parse_override, overrides):
+            _set(values, key, value)
+        return cls.from_dict(values)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Case:
+        """Build a case from nested tables."""
+        return cls(**values)
+
+    def with_values(self, changes: Mapping[str, Any]) -> Case:
+        """Return a case with dotted keys changed; None takes a key back to its default."""
+        values = self.model_dump(exclude_unset=True)
+        for key, value in changes.items():
+            _set(values, key, value)
+        return Case.from_dict(values)
+
+    def dump(self) -> str:
+        """Return the case as TOML with every default written out."""
+        return tomli_w.dumps(_plain(self.model_dump(exclude_none=True)))
+
+    @property
+    def gas_material(self) -> GasMaterial:
+        """Density and viscosity of the gas, as the closures take them."""
+        from fem_tfm.closures.materials import Gas as GasMaterial
+
+        return GasMaterial(density=self.gas.gas_density, viscosity=self.gas.gas_viscosity)
+
+    @property
+    def solids_material(self) -> SolidsMaterial | None:
+        """The solids as the closures take them (friction angle in rad); None for gas alone."""
+        from fem_tfm.closures.materials import Solids as SolidsMaterial
+
+        if self.solids is None:
+            return None
+        values = self.solids.model_dump()
+        angle = math.radians(values.pop("friction_angle_deg"))
+        return SolidsMaterial(**values, friction_angle=angle)
+
+    @property
+    def solids_feed(self) -> tuple[Literal["holdup", "flux"], float] | None:
+        """("holdup", mean alpha_s), or ("flux", superficial solids velocity j_s [m/s]), or None.
+
+        j_s = alpha_s u_s, or j_s = M_s/(rho_s A) for a mass flow M_s.
+        """
+        feed = self.operation
+        if self.solids is None:
+            return None
+        if feed.solids_mass_flow is not None:
+            return "flux", feed.solids_mass_flow / (self.solids.density * self.geometry.area)
+        if feed.solids_superficial_velocity is not None:
+            return "flux", feed.solids_superficial_velocity
+        if feed.solids_velocity is not None:
+            return "flux", feed.solids_fraction * feed.solids_velocity
+        return "holdup", feed.solids_fraction
+
+    @property
+    def gravity_vector(self) -> tuple[float, float, float]:
+        """g (0, -cos theta, -sin theta), theta the inclination above the horizontal [m/s2]."""
+        theta, g = math.radians(self.geometry.inclination_deg), self.operation.gravity
+        return 0.0, -g * math.cos(theta), -g * math.sin(theta)
+
+    @property
+    def wall_distance(self) -> float:
+        """Distance y_p at which the wall law of the gas holds [m]."""
+        return self.walls.distance or 0.01 * self.geometry.hydraulic_diameter
+
+    def run(
+        self,
+        out: str | Path | None = None,
+        overwrite: bool = False,
+        resume: bool = False,
+        quiet: bool = True,
+    ) -> Result:
+        """Solve the case; with `out` the results are written to that directory.
+
+        Raises `InputError` before anything is written, `SolverError` if no answer was reached.
+        """
+        from fem_tfm.flows import run
+        from fem_tfm.progress import Progress
+
+        directory = results_directory(out, overwrite, resume)
+        with Progress(quiet) as progress:
+            return run(self, directory, resume=resume, overwrite=overwrite, progress=progress)
+
+
+def results_directory(
+    out: str | Path | None,
+    overwrite: bool = False,
+    resume: bool = False,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> Path | None:
+    """Check where results are to go; nothing is made or changed.
+
+    Rank 0 looks and all ranks hear the same answer, so that none sees what another wrote meanwhile.
+    Raises `InputError` if the place holds something and neither overwrite nor resume is asked.
+    """
+    found: Path | InputError | None = None
+    if comm.rank == 0:
+        try:
+            found = _free_directory(out, overwrite, resume)
+        except InputError as error:
+            found = error
+    found = comm.bcast(found)
+    if isinstance(found, InputError):
+        raise found
+    return found
+
+
+def _free_directory(out: str | Path | None, overwrite: bool, resume: bool) -> Path | None:
+    if overwrite and resume:
+        raise InputError("--resume", True, "either --resume or --overwrite")
+    if out is None:
+        if resume:
+            raise InputError("--resume", True, "--out with the directory of the run to resume")
+        return None
+    path = Path(out)
+    ancestor = next(p for p in (path, *path.absolute().parents) if p.exists())
+    if not (ancestor.is_dir() and os.access(ancestor, os.W_OK)):
+        raise InputError("--out", str(out), f"a directory that can be written, unlike {ancestor}")
+    filled = path.is_dir() and any(path.iterdir())
+    if resume and not filled:
+        raise InputError("--resume", str(out), "a directory with a run to resume")
+    if filled and not (overwrite or resume):
+        raise InputError("--out", str(out), "a new directory, or --overwrite or --resume")
+    return path
+
+
+def parse_override(text: str) -> tuple[str, Any]:
+    """Split "key=value"; the value is read as TOML, or else taken as a string."""
+    key, equals, value = text.partition("=")
+    if not (equals and key.strip() and value.strip()):
+        raise InputError("--set", text, "key=value, such as solids.diameter=1e-4")
+    return key.strip(), parse_value(value.strip())
+
+
+def parse_value(text: str) -> Any:
+    """Read one TOML value, or else take the text as it is."""
+    try:
+        values = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return text
+    return values["value"] if len(values) == 1 else text
+
+
+def known_keys() -> list[str]:
+    """Return every dotted key that a case may have."""
+    return list(_walk(Case))
+
+
+def _walk(table: type[Table], prefix: str = "") -> Iterator[str]:
+    for name, info in table.model_fields.items():
+        yield prefix + name
+        inner = _table_of(info)
+        if inner is not None and inner is not Reference:
+            yield from _walk(inner, f"{prefix}{name}.")
+
+
+def _table_of(info: FieldInfo | None) -> type[Table] | None:
+    """Return the table that a key holds (or lists), None for a plain value."""
+    pending = [info.annotation] if info else []
+    while pending:
+        kind = pending.pop()
+        if isinstance(kind, type) and issubclass(kind, Table):
+            return kind
+        pending.extend(get_args(kind))
+    return None
+
+
+def _make_law(family: str, spec: Any, key: str) -> Closure:
+    """Build a closure from a name or a table; one that is built already passes."""
+    from fem_tfm.closures import make
+
+    return make(family, spec, key)
+
+
+def _law_table(law: Closure) -> dict[str, Any]:
+    """Return a closure as the table it would have in a case file."""
+    return {"model": law.name, **{f.name: getattr(law, f.name) for f in fields(law)}}
+
+
+def _plain(value: Any) -> Any:
+    """Return nested values without numpy scalars and tuples, so that they can be written."""
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items() if v is not None}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    return value.item() if hasattr(value, "item") and not hasattr(value, "__len__") else value
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Read a TOML file; a byte-order mark is allowed."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (FileNotFoundError, NotADirectoryError):
+        beside = [p.name for p in path.parent.glob("*.toml")]
+        allowed = "the name of an existing case file"
+        raise InputError("case file", str(path), allowed, nearest(path.name, beside)) from None
+    except OSError as error:
+        allowed = f"a readable file ({error.strerror})"
+        raise InputError("case file", str(path), allowed) from None
+    except ValueError as error:
+        raise InputError("case file", str(path), f"valid TOML in UTF-8 ({error})") from None
+
+
+def _set(values: dict[str, Any], key: str, value: Any) -> None:
+    """Set a dotted key in nested tables; a closure keeps its name when a parameter is set."""
+    *tables, name = key.split(".")
+    law = ".".join(tables)
+    if key not in known_keys() and law not in LAW_DEFAULTS:
+        raise _unknown_key(key, value)
+    if law in LAW_DEFAULTS and name == "model":
+        # another law has other parameters, so those given are dropped
+        *tables, name = tables
+        value = {"model": value}
+    table = values
+    for depth, part in enumerate(tables, start=1):
+        table[part] = _as_table(table.get(part), ".".join(tables[:depth]))
+        table = table[part]
+    table[name] = value
+
+
+def _as_table(value: Any, key: str) -> dict[str, Any]:
+    """Return what stands at `key` as a table of its own: a law's name becomes its model."""
+    if value is None or isinstance(value, str):
+        model = value or LAW_DEFAULTS.get(key)
+        return {"model": model} if key in LAW_DEFAULTS else {}
+    if not isinstance(value, Mapping):
+        raise InputError(key, value, "a table")
+    return dict(value)
+
+
+def _input_error(error: ValidationError) -> InputError:
+    """Translate what pydantic found; a misspelt key comes first, for it explains the rest."""
+    found = sorted(error.errors(), key=lambda e: e["type"] != "extra_forbidden")[0]
+    inner = found.get("ctx", {}).get("error")
+    if isinstance(inner, InputError):
+        return inner
+    key = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in found["loc"]).lstrip(".")
+    value = None if found["type"] == "missing" else found["input"]
+    if found["type"] == "extra_forbidden":
+        return _unknown_key(key, value)
+    info = _field_at(found["loc"])
+    choices = _choices(info.annotation)
+    near = nearest(value, choices) if isinstance(value, str) else None
+    return InputError(key, value, _allowed(info), near)
+
+
+def _unknown_key(key: str, value: Any) -> InputError:
+    """Name the keys of the table, and the nearest of them or where else a key of that name is."""
+    table, _, name = key.rpartition(".")
+    known = known_keys()
+    beside = [k for k in known if k.rpartition(".")[0] == table]
+    namesakes = [k for k in known if k.endswith(f".{name}")]
+    near = nearest(key, namesakes) or (namesakes or [None])[0]
+    if near is None:
+        leaves = {k.rpartition(".")[2]: k for k in beside}
+        near = leaves.get(nearest(name, leaves)) or nearest(key, known)
+    keys = ", ".join(k.rpartition(".")[2] for k in beside) or ", ".join(Case.model_fields)
+    return InputError(key, value, f"one of the keys {keys}", near)
+
+
+def _field_at(loc: tuple[int | str, ...]) -> FieldInfo:
+    """Return the declaration of the deepest key that a location names."""
+    table, info = Case, None
+    for part in loc:
+        if table is not None and part in table.model_fields:
+            info = table.model_fields[part]
+            table = _table_of(info)
+    return info
+
+
+def _choices(annotation: Any) -> list[str]:
+    """Return the names a key may have, if its values are names."""
+    if get_origin(annotation) is Literal:
+        return [a for a in get_args(annotation) if isinstance(a, str)]
+    return [name for inner in get_args(annotation) for name in _choices(inner)]
+
+
+def _allowed(info: FieldInfo) -> str:
+    """Say in words what a key may be: kind, range, unit, meaning."""
+    names, several = _choices(info.annotation), _holds(info.annotation, tuple)
+    if _table_of(info):
+        kind = "a list of tables" if several else "a table"
+    elif names:
+        kind = "a list of names out of " + ", ".join(names) if several else _one_of(names)
+    elif several:
+        kind = "a list of texts"
+    else:
+        kind = next(text for base, text in KINDS.items() if _holds(info.annotation, base))
+    bounds = [(words, getattr(m, b, None)) for m in info.metadata for b, words in LIMITS.items()]
+    limits = [f"{words} {bound:g}" for words, bound in bounds if bound is not None]
+    unit = (info.json_schema_extra or {}).get("unit")
+    words = kind + (f" {' and '.join(limits)}" if limits else "") + (f" [{unit}]" if unit else "")
+    return f"{words} ({info.description})" if info.description else words
+
+
+def _holds(annotation: Any, base: type) -> bool:
+    """Whether a type is, lists or may be `base`."""
+    inner = get_args(annotation) if get_origin(annotation) is not Literal else ()
+    return base in (annotation, get_origin(annotation)) or any(_holds(a, base) for a in inner)
+
+
+def _one_of(names: Iterable[str]) -> str:
+    return "one of " + ", ".join(names)
+
+
+def _exactly_one(table: Table, name: str, keys: tuple[str, ...]) -> None:
+    """Refuse none or several of the keys."""
+    given = [key for key in keys if getattr(table, key) is not None]
+    if len(given) != 1:
+        key = f"{name}.{given[-1] if given else keys[0]}"
+        value = getattr(table, given[-1]) if given else None
+        raise InputError(key, value, f"exactly one of {', '.join(keys)}")

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Eddy viscosity of the gas from local quantities.
+
+    sigma_g = 2 a_g (mu_g + mu_t) S_g
+
+Symbols: a_g gas fraction, S shear rate sqrt(2 S_g:S_g) [1/s], y distance to the wall [m], R half
+the hydraulic diameter [m], rho_g [kg/m3], mu_g [Pa s].
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass
+
+from fem_tfm.closures.base import Closure, parameter, register
+from fem_tfm.closures.materials import Gas
+from fem_tfm.closures.ops import Value, exp, maximum, safe_pow
+
+_TINY_RE = 1e-4
+
+
+class Turbulence(Closure):
+    """Interface of an algebraic eddy viscosity."""
+
+    @abstractmethod
+    def eddy_viscosity(self, strain: Value, distance: Value, gas: Gas, radius: Value) -> Value:
+        """mu_t [Pa s] at shear rate `strain` [1/s] and wall distance [m]; radius R [m]."""
+
+
+@register("turbulence", "laminar")
+@dataclass(frozen=True)
+class Laminar(Turbulence):
+    """No turbulence.
+
+        mu_t = 0
+
+    Validity: laminar gas.
+    Source: definition.
+    """
+
+    def eddy_viscosity(self, strain: Value, distance: Value, gas: Gas, radius: Value) -> Value:
+        """Zero."""
+        return 0.0
+
+
+@register("turbulence", "mixing-length")
+@dataclass(frozen=True)
+class MixingLength(Turbulence):
+    """Prandtl's mixing length with Nikuradse's profile and van Driest's damping.
+
+        mu_t = rho_g l^2 S
+        l    = R (0.14 - 0.08 eta^2 - 0.06 eta^4) [1 - exp(-y+/A)],  eta = max(0, 1 - y/R)
+        y+   = kappa Re_S (1 - w) + sqrt(Re_S) w,  w = exp(-Re_S/Re_0),  Re_S = rho_g y^2 S/mu_g
+
+    y+ comes from the local shear: Re_S = y+^2 in the viscous sublayer and y+/kappa in the log
+    layer, so no wall stress is needed. The estimate runs ahead of y+ in the buffer layer, so
+    that A = 34 replaces van Driest's 26: u+ = ln(9.8 y+)/0.41 within 3 % for 50 < y+ < 500.
+
+    Validity: fully developed flow in pipes and ducts, smooth walls.
+    Source: Nikuradse (1932), VDI-Forschungsheft 356; van Driest (1956), J. Aeronaut. Sci. 23,
+    1007-1011.
+    """
+
+    A: float = parameter(34.0, "-", "damping constant, fitted to the log law", gt=0)
+    kappa: float = parameter(0.41, "-", "von Karman constant", gt=0)
+    Re_0: float = parameter(60.0, "-", "Re_S at which the estimate of y+ switches", gt=0)
+
+    def eddy_viscosity(self, strain: Value, distance: Value, gas: Gas, radius: Value) -> Value:
+        """mu_t [Pa s]."""
+        damped = self.length(distance, radius) * self.damping(strain, distance, gas)
+        return gas.density * damped**2 * strain
+
+    def length(self, distance: Value, radius: Value) -> Value:
+        """Nikuradse's mixing length without damping [m]."""
+        eta2 = maximum(1 - distance / radius, 0.0) ** 2
+        return radius * (0.14 - 0.08 * eta2 - 0.06 * eta2**2)
+
+    def damping(self, strain: Value, distance: Value, gas: Gas) -> Value:
+        """van Driest's factor 1 - exp(-y+/A) [-]."""
+        re = gas.density * distance**2 * strain / gas.viscosity
+        near = exp(-re / self.Re_0)
+        y_plus = self.kappa * re * (1 - near) + safe_pow(re, 0.5, _TINY_RE) * near
+        return 1 - exp(-y_plus / self.A)

@@ -1,0 +1,479 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Dense gas-solid flow by the two-fluid model: from a case to its results."""
+
+from __future__ import annotations
+
+import math
+import time
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import ufl
+from mpi4py import MPI
+
+from fem_tfm.case import QUANTITIES, Case
+from fem_tfm.errors import InputError, SolverError
+from fem_tfm.flows import developed
+from fem_tfm.flows.section import Section, Setup
+from fem_tfm.mesh import geometry_of, resolution_of, section
+from fem_tfm.models.two_fluid import ClosureSet, Numerics
+from fem_tfm.output import checkpoint
+from fem_tfm.output.fields import FieldWriter, snapshot
+from fem_tfm.output.files import on_root, write_text
+from fem_tfm.output.pictures import SectionView, section_picture, vertical_profile
+from fem_tfm.output.profiles import Monitor, write_profiles
+from fem_tfm.output.result import (
+    Quantity,
+    Reference,
+    Result,
+    cpu_seconds,
+    peak_memory_mb,
+    versions,
+)
+
+if TYPE_CHECKING:
+    from fem_tfm.progress import Progress
+
+# coarsest mesh of the nested iteration, core cell over the hydraulic diameter
+COARSEST = 0.25
+# regularisations in units of U_g and D; their effect on the pressure gradient is in docs/dense.md
+ALPHA_DIFFUSION, SLIP_FLOOR, SHEAR_FLOOR, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 1e-4, 1e-3, 0.1, 1e-8
+WALL_PENALTY = 20.0
+
+
+def setup_of(case: Case) -> Setup:
+    """Numbers of the developed problem that a case describes."""
+    speed, width = case.operation.gas_superficial_velocity, case.geometry.hydraulic_diameter
+    gas, given = case.gas_material, case.numerics
+    diffusion = given.alpha_diffusion
+    numerics = Numerics(
+        alpha_diffusion=ALPHA_DIFFUSION * speed * width if diffusion is None else diffusion,
+        theta_floor=given.theta_floor,
+        slip_floor=SLIP_FLOOR * speed,
+        shear_floor=SHEAR_FLOOR * speed / width,
+        wall_penalty=WALL_PENALTY,
+        wall_speed=WALL_SPEED * speed,
+        pressure_shift=PRESSURE_SHIFT / (width * gas.density * speed),
+    )
+    laws = case.closures
+    closures = ClosureSet(
+        drag=laws.drag,
+        radial=laws.radial,
+        granular=laws.granular,
+        friction=laws.friction,
+        turbulence=laws.turbulence,
+        gas_wall=case.walls.gas,
+        solids_wall=case.walls.solids,
+        theta=laws.theta,
+        friction_feeds_theta=laws.friction_feeds_theta,
+    )
+    return Setup(
+        gas=gas,
+        solids=case.solids_material,
+        closures=closures,
+        numerics=numerics,
+        gravity=case.gravity_vector,
+        wall_offset=case.wall_distance,
+        gas_velocity=speed,
+        feed=case.solids_feed,
+        quadrature_degree=given.quadrature_degree,
+    )
+
+
+def mesh_sizes(case: Case) -> list[float]:
+    """Core cell sizes of the nested iteration, coarse to fine, each half the one before [m]."""
+    geometry, given = geometry_of(case), case.numerics
+    size = given.mesh_size or geometry.level_size / 2 ** ((given.level - 1) / 2)
+    sizes = [size]
+    while sizes[0] * 2 <= COARSEST * geometry.hydraulic_diameter * 1.001:
+        sizes.insert(0, sizes[0] * 2)
+    return sizes
+
+
+def meshes(case: Case, comm: MPI.Comm = MPI.COMM_WORLD) -> list[Any]:
+    """Makers of the meshes of the nested iteration."""
+    make = partial(section, geometry_of(case), comm=comm, **_resolution(case))
+    return [partial(make, size=size) for size in mesh_sizes(case)]
+
+
+def _resolution(case: Case) -> dict[str, Any]:
+    """Shape and grading of the cells, without their size."""
+    given = resolution_of(case)
+    return {key: given[key] for key in ("wall_ratio", "cells")}
+
+
+# -- quantities --------------------------------------------------------------------------------
+
+
+def pressure_gradient(section: Section) -> float:
+    """-dP/dz with the weight of the gas, from P = p + rho_g g.x - G z [Pa/m]."""
+    setup = section.setup
+    return float(section.drive.value) - setup.gas.density * setup.gravity[2]
+
+
+def quantities(section: Section, length: float) -> dict[str, float]:
+    """Numbers of a developed section, in the units of `case.QUANTITIES`; whole section."""
+    model, state, setup = section.model, section.state(section.now), section.setup
+    alpha, whole = model.alpha(state), section.mesh.geometry.area_factor
+    gradient = pressure_gradient(section)
+    gas = section.integral((1 - alpha) * state.u_g[2])
+    found = {
+        "pressure_gradient": gradient,
+        "pressure_drop": gradient * length,
+        "gas_mass_flow": whole * setup.gas.density * gas,
+    }
+    if setup.solids is None:
+        return found
+    solids, held = section.integral(alpha * state.u_s[2]), section.integral(alpha)
+    in_bed = ufl.conditional(ufl.gt(alpha, model.solids.friction_limit), 1.0, 0.0)
+    return found | {
+        "solids_mass_flow": whole * setup.solids.density * solids,
+        "holdup": held / section.area,
+        "max_solids_fraction": section.extremes()["max_alpha_s"],
+        "bed_fraction": section.integral(in_bed) / section.area,
+        "slip_velocity": gas / (section.area - held) - solids / held,
+    }
+
+
+def balances(section: Section) -> dict[str, float]:
+    """Relative errors of the balances of mass and axial momentum.
+
+    Momentum: G A + axial weight of the solids in the gas = force of the walls. Mass: error of the
+    imposed flux or hold-up, and for the solids the source that the steady state must not need.
+    """
+    setup, model, state = section.setup, section.model, section.state(section.now)
+    errors = [
+        abs(error / float(border.target.value))
+        for error, border in zip(
+            section.newton.constraint_errors(), section.newton.borders, strict=True
+        )
+    ]
+    drive = float(section.drive.value) * section.area
+    weight = 0.0
+    if setup.solids is not None:
+        excess = setup.solids.density - setup.gas.density
+        weight = excess * setup.gravity[2] * section.integral(model.alpha(state))
+    force = section.wall_force()
+    scale = max(abs(drive), abs(weight), abs(force))
+    found = {"gas_mass": errors[0], "axial_momentum": abs(drive + weight - force) / scale}
+    if setup.solids is not None:
+        turnover = section.mesh.geometry.hydraulic_diameter / setup.gas_velocity
+        found["solids_mass"] = max(errors[1], abs(float(section.source.value)) * turnover)
+    return found
+
+
+def skipped(case: Case) -> list[str]:
+    """What the scene did not need, and why."""
+    laws, left_out = case.closures, ["axial direction: a developed section has d/dz = 0"]
+    if geometry_of(case).symmetry == "half":
+        left_out.append("left half: mirror image of the right one")
+    left_out.append("history: pseudo-time leads straight to the steady state")
+    if case.solids is None:
+        left_out.append("solids, granular temperature, drag: no table [solids]")
+    else:
+        if laws.theta == "algebraic":
+            left_out.append("transport of granular temperature: closures.theta = algebraic")
+        if laws.friction.name == "none":
+            left_out.append("frictional stress: closures.friction = none")
+    if laws.turbulence.name == "laminar":
+        left_out.append("gas turbulence: closures.turbulence = laminar")
+    return left_out
+
+
+# -- the run -----------------------------------------------------------------------------------
+
+COLUMNS = {
+    "step": "",
+    "level": "",
+    "dt": "s",
+    "iterations": "",
+    "update": "",
+    "pressure_gradient": "Pa/m",
+    "max_alpha_s": "",
+    "max_theta": "m2/s2",
+}
+WARNED = ("update", "pressure_gradient", "max_alpha_s", "max_theta")
+
+
+class Recorder:
+    """What a run tells and keeps while it works: progress, monitor.csv, checkpoint.
+
+    Parameters
+    ----------
+    case : what is solved
+    out : directory of the results, or None to keep nothing
+    progress : where to tell
+    resume : go on with an older monitor.csv
+    """
+
+    def __init__(self, case: Case, out: Path | None, progress: Progress, resume: bool) -> None:
+        self.case = case
+        self.out = out
+        self.progress = progress
+        self.comm = MPI.COMM_WORLD
+        self.seconds = {"setup": 0.0, "compile": 0.0, "solve": 0.0, "output": 0.0}
+        self.section: Section | None = None
+        self.level = self.levels = self.steps = 0
+        self.monitor: Monitor | None = None
+        self._lap = time.perf_counter()
+        if out is not None and self.comm.rank == 0:
+            self.monitor = Monitor(out / "monitor.csv", COLUMNS, append=resume)
+
+    def lap(self, stage: str) -> None:
+        """Book the time since the last call under a stage."""
+        now = time.perf_counter()
+        self.seconds[stage] += now - self._lap
+        self._lap = now
+
+    def compiling(self, what: str) -> None:
+        """Tell which form is compiled, on the first mesh: later ones find it in the cache."""
+        if what == "residual":
+            self.lap("setup" if self.section is None else "solve")
+        if self.section is None:
+            self.progress.stage(f"compiling the {what} (cached for the next run)")
+
+    def begin(self, section: Section, level: int, levels: int) -> None:
+        """A mesh is ready."""
+        self.lap("compile")
+        self.section, self.level, self.levels = section, level, levels
+        cells = section.mesh.num_cells
+        self.progress.stage(f"mesh {level + 1} of {levels}: {cells} cells, {section.dofs} unknowns")
+
+    def step(self, row: dict[str, float]) -> None:
+        """A row of the monitor and the early-warning line."""
+        self.steps += 1
+        values = {name: row[name] for name in ("dt", "iterations", "update")}
+        values |= {"step": self.steps, "level": self.level + 1}
+        values |= {"pressure_gradient": pressure_gradient(self.section), **self.section.extremes()}
+        if self.monitor is not None:
+            self.monitor.write(values)
+        warning = ", ".join(f"{n} {values[n]:.4g}" for n in WARNED if n in values)
+        self.progress.update(self._fraction(row["dt"]), warning)
+
+    def _fraction(self, dt: float) -> float:
+        """Share of the work done, from the decades of dt that are behind on this mesh."""
+        unit = self.case.geometry.hydraulic_diameter / self.case.operation.gas_superficial_velocity
+        first, last = (math.log(c * unit) for c in (developed.FIRST_STEP, developed.LARGEST_STEP))
+        share = min(max((math.log(dt) - first) / (last - first), 0.0), 1.0)
+        return (self.level + 0.9 * share) / self.levels
+
+    def save(self) -> None:
+        """Keep the last accepted state, also when a step was cut short."""
+        section = self.section
+        if self.out is None or section is None or self.steps == 0:
+            return
+        section.newton.unknowns.x.array[:] = section.old.x.array
+        self.save_final()
+
+    def save_final(self) -> None:
+        """Keep the present state."""
+        section = self.section
+        if self.out is None:
+            return
+        numbers = {
+            "level": self.level,
+            "drive": float(section.drive.value),
+            "source": float(section.source.value),
+        }
+        fields = {name: section.unknown(name) for name in section.names}
+        checkpoint.save(self.out, self.comm, fields, numbers)
+
+    def close(self) -> None:
+        """Close the monitor."""
+        if self.monitor is not None:
+            self.monitor.close()
+
+
+def run(
+    case: Case, out: Path | None, *, resume: bool, overwrite: bool, progress: Progress
+) -> Result:
+    """Solve the developed section of a case.
+
+    Raises
+    ------
+    InputError
+        `resume` finds no checkpoint, or one of another case.
+    SolverError
+        no steady state was reached; the last good state and the reason are in `out`.
+    """
+    comm = MPI.COMM_WORLD
+    restart = _restart(case, out) if resume else None
+    if out is not None:
+        on_root(comm, lambda: _prepare(case, out, overwrite))
+    recorder = Recorder(case, out, progress, resume)
+    try:
+        solution = developed.solve(
+            meshes(case),
+            setup_of(case),
+            case.numerics.tolerance,
+            case.numerics.max_steps,
+            recorder,
+            restart,
+        )
+        recorder.lap("solve")
+        return _finish(case, solution, recorder)
+    except (SolverError, KeyboardInterrupt) as stop:
+        status = "failed" if isinstance(stop, SolverError) else "interrupted"
+        recorder.save()
+        _write(_result(case, status, recorder, reason=str(stop)), recorder)
+        raise
+    finally:
+        recorder.close()
+
+
+def _prepare(case: Case, out: Path, overwrite: bool) -> None:
+    """Make the directory with the complete case; a replaced run leaves nothing of its own."""
+    out.mkdir(parents=True, exist_ok=True)
+    if overwrite:
+        for name in (checkpoint.FILE, "result.json", "monitor.csv"):
+            (out / name).unlink(missing_ok=True)
+    write_text(out / "case.toml", case.dump())
+
+
+def _restart(case: Case, out: Path) -> tuple[int, Any]:
+    """Mesh to go on with and how to put the stored state on it; the case must be the same."""
+    stored = MPI.COMM_WORLD.bcast(_stored_case(out) if MPI.COMM_WORLD.rank == 0 else None)
+    if stored != case.dump():
+        raise InputError("--resume", str(out), "the directory of a run of this very case")
+    numbers = checkpoint.numbers(out)
+    if not numbers:
+        raise InputError("--resume", str(out), "a directory that holds a checkpoint")
+
+    def restore(section: Section) -> None:
+        fields = {name: section.unknown(name) for name in section.names}
+        checkpoint.load(out, MPI.COMM_WORLD, fields)
+        for name, function in fields.items():
+            section.set_unknown(name, function)
+        section.drive.value, section.source.value = numbers["drive"], numbers["source"]
+
+    return int(numbers["level"]), restore
+
+
+def _stored_case(out: Path) -> str | None:
+    path = out / "case.toml"
+    return path.read_text(encoding="utf-8") if path.exists() else None
+
+
+def _finish(case: Case, solution: developed.Solution, recorder: Recorder) -> Result:
+    """Quantities with their errors, balances and files of a converged run."""
+    section = solution.section
+    length = case.geometry.length
+    coarser = [quantities(level.section, length) for level in solution.levels[-2:-1]]
+    found = quantities(section, length)
+    result = _result(case, "converged", recorder)
+    references: dict[str, list[Reference]] = {}
+    for given in case.reference:
+        references.setdefault(given.quantity, []).append(Reference(given.value, given.source))
+    for name, value in found.items():
+        error = abs(value - coarser[0][name]) if coarser else None
+        known = tuple(references.get(name, ()))
+        result.quantities[name] = Quantity(value, QUANTITIES[name], error, references=known)
+    result.balances = balances(section)
+    _write_fields(case, section, result, recorder)
+    recorder.save_final()
+    recorder.lap("output")
+    _write(result, recorder)
+    return result
+
+
+def _result(case: Case, status: str, recorder: Recorder, reason: str = "") -> Result:
+    section, comm = recorder.section, recorder.comm
+    return Result(
+        status=status,
+        flow=case.flow,
+        solution="developed",
+        title=case.title,
+        cells=section.mesh.num_cells if section else 0,
+        dofs=section.dofs if section else 0,
+        ranks=comm.size,
+        seconds=recorder.seconds,
+        skipped=skipped(case),
+        inferred=list(case.inferred),
+        versions=versions(),
+        reason=reason,
+        directory=recorder.out,
+    )
+
+
+def _write(result: Result, recorder: Recorder) -> None:
+    result.cpu_seconds = cpu_seconds(recorder.comm)
+    result.peak_memory_mb = peak_memory_mb(recorder.comm)
+    if recorder.out is not None:
+        on_root(recorder.comm, lambda: result.write(recorder.out))
+
+
+def _write_fields(case: Case, section: Section, result: Result, recorder: Recorder) -> None:
+    """XDMF, profiles along the vertical diameter and pictures."""
+    out, comm, mesh = recorder.out, recorder.comm, section.mesh.mesh
+    fields = section.fields()
+    moment = snapshot(mesh, fields)
+    if out is not None and case.output.xdmf:
+        with FieldWriter(out / "fields", mesh) as writer:
+            writer.write(0.0, {n: f for n, f in fields.items() if n in case.output.fields})
+
+    def draw() -> None:
+        view = SectionView.of_cells(
+            moment.points, moment.cells, moment.kind, section.mesh.geometry.symmetry
+        )
+        values = dict(moment.nodal)
+        if "theta" in values:
+            values["Theta"] = values.pop("theta")
+        result.sections["vertical"] = profile = vertical_profile(view, values)
+        if out is None:
+            return
+        write_profiles(out / "profiles.csv", profile, PROFILE_UNITS)
+        if case.output.pictures:
+            section_picture(out / "section.png", view, values, case.title)
+
+    on_root(comm, draw)
+
+
+PROFILE_UNITS = {
+    "y": "m",
+    "y/D": "-",
+    "alpha_s": "-",
+    "u_s": "m/s",
+    "u_g": "m/s",
+    "Theta": "m2/s2",
+    "pressure": "Pa",
+}
+
+
+def describe(case: Case) -> dict[str, Any]:
+    """What would be solved, what is left out, and what it would take."""
+    sizes = mesh_sizes(case)
+    mesh = section(geometry_of(case), size=sizes[-1], **_resolution(case))
+    cells = mesh.num_cells
+    unknowns = round(cells * (UNKNOWNS_PER_CELL if case.solids else GAS_UNKNOWNS_PER_CELL))
+    laws = case.closures
+    chosen = [laws.drag, laws.radial, laws.granular, laws.friction] if case.solids else []
+    chosen += [laws.turbulence, case.walls.gas] + ([case.walls.solids] if case.solids else [])
+    return {
+        "title": case.title or "untitled",
+        "solved": "developed section by the two-fluid model: steady, d/dz = 0",
+        "given": _given(case),
+        "closures": [f"{law.family}: {law.name}" for law in chosen],
+        "skipped": skipped(case),
+        "meshes": ", ".join(f"{1e3 * size:.3g} mm" for size in sizes) + " core cells in turn",
+        "finest_mesh": f"{cells} cells, about {unknowns} unknowns",
+        "memory": f"about {BASE_MEMORY + MEMORY_PER_UNKNOWN * unknowns:.0f} MB",
+        "time": f"about {TIME_PER_UNKNOWN * unknowns + 1:.0f} s, and {COMPILE_TIME} s more to "
+        "compile the forms if these closures are new on this machine",
+        "inferred": list(case.inferred) or "nothing",
+    }
+
+
+# measured on the demo: unknowns of P2/P1 triangles, memory and CPU time of a cold run
+UNKNOWNS_PER_CELL, GAS_UNKNOWNS_PER_CELL = 17.5, 6.8
+BASE_MEMORY, MEMORY_PER_UNKNOWN, TIME_PER_UNKNOWN, COMPILE_TIME = 170, 0.012, 2.5e-4, 15
+
+
+def _given(case: Case) -> str:
+    gas = f"gas {case.operation.gas_superficial_velocity:g} m/s superficial"
+    if case.solids is None:
+        return gas
+    kind, value = case.solids_feed
+    if kind == "holdup":
+        return f"{gas}, hold-up {value:g}; found: pressure gradient and solids flux"
+    return f"{gas}, solids {value:.4g} m/s superficial; found: pressure gradient and hold-up"

@@ -1,0 +1,286 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The developed section on one mesh: spaces, forms, constraints and the solver that carries them.
+
+Unknowns on triangles (quadrilaterals likewise): u_g and u_s P2 with three components, p P1,
+logit(alpha_s) and ln Theta P2. alpha_s lives in the space of the velocity components, so that
+momentum closes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.la import InsertMode
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fem_tfm.closures.materials import Gas, Solids
+from fem_tfm.fenics import compile_form
+from fem_tfm.mesh import Mesh
+from fem_tfm.models.axis import DevelopedAxis
+from fem_tfm.models.two_fluid import ClosureSet, Domain, Numerics, State, TwoFluid
+from fem_tfm.solvers.newton import Block, Border, BorderedNewton
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Numbers of one developed problem (SI), free of meshes and forms.
+
+    feed : ("holdup", mean alpha_s) or ("flux", superficial solids velocity [m/s]); None for the
+        gas alone
+    """
+
+    gas: Gas
+    solids: Solids | None
+    closures: ClosureSet
+    numerics: Numerics
+    gravity: tuple[float, float, float]
+    wall_offset: float
+    gas_velocity: float
+    feed: tuple[str, float] | None
+    quadrature_degree: int = 5
+
+
+NAMES = ("u_g", "p", "u_s", "q", "tau")
+
+
+def _element(mesh: Any, with_solids: bool) -> Any:
+    cell = mesh.basix_cell()
+    p1 = basix.ufl.element("Lagrange", cell, 1)
+    p2 = basix.ufl.element("Lagrange", cell, 2)
+    vector = basix.ufl.blocked_element(p2, shape=(3,))
+    parts = [vector, p1]
+    if with_solids:
+        parts += [vector, p2, p2]
+    return basix.ufl.mixed_element(parts)
+
+
+class Section:
+    """A developed problem on one mesh, ready for Newton.
+
+    Parameters
+    ----------
+    mesh : the section with its tags and geometry
+    setup : numbers of the problem
+    progress : called with a word before each form is compiled
+    """
+
+    def __init__(
+        self, mesh: Mesh, setup: Setup, progress: Callable[[str], None] = lambda text: None
+    ) -> None:
+        self.mesh = mesh
+        self.setup = setup
+        self.space = fem.functionspace(mesh.mesh, _element(mesh.mesh, setup.solids is not None))
+        self.names = NAMES if setup.solids is not None else NAMES[:2]
+        self.now = fem.Function(self.space, name="unknowns")
+        self.old = fem.Function(self.space)
+        self.idt = self._constant(0.0)
+        self.drive = self._constant(0.0)
+        self.source = self._constant(0.0)
+        self.domain = self._domain()
+        self.model = TwoFluid(
+            setup.gas.bound(self._constant),
+            setup.solids and setup.solids.bound(self._constant),
+            setup.closures.bound(self._constant),
+            fem.Constant(mesh.mesh, np.array(setup.gravity, dtype=PETSc.ScalarType)),
+            setup.numerics.bound(self._constant),
+            DevelopedAxis(),
+            self.domain,
+        )
+        self._dofs = [self._sub_dofs(i) for i in range(len(self.names))]
+        self.newton = self._newton(progress)
+
+    def _constant(self, value: float) -> fem.Constant:
+        return fem.Constant(self.mesh.mesh, PETSc.ScalarType(value))
+
+    def _domain(self) -> Domain:
+        mesh, degree = self.mesh.mesh, self.setup.quadrature_degree
+        x, n = ufl.SpatialCoordinate(mesh), ufl.FacetNormal(mesh)
+        inverse = ufl.JacobianInverse(mesh)
+        across = ufl.dot(inverse, n)
+        metadata = {"quadrature_degree": degree}
+        ds = ufl.Measure("ds", mesh, subdomain_data=self.mesh.facet_tags, metadata=metadata)
+        geometry = self.mesh.geometry
+        return Domain(
+            dx=ufl.Measure("dx", mesh, metadata=metadata),
+            ds_wall=ds(self.mesh.tags["wall"]),
+            normal=ufl.as_vector((n[0], n[1], 0.0)),
+            wall_distance=geometry.wall_distance(x),
+            wall_offset=self._constant(self.setup.wall_offset),
+            radius=self._constant(geometry.hydraulic_diameter / 2),
+            diameter=self._constant(geometry.hydraulic_diameter),
+            wall_cell=1 / ufl.sqrt(ufl.inner(across, across)),
+        )
+
+    def _sub_dofs(self, i: int) -> np.ndarray:
+        _, dofs = self.space.sub(i).collapse()
+        dofs = np.asarray(dofs).ravel()
+        owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
+        return dofs[dofs < owned]
+
+    def state(self, function: fem.Function) -> State:
+        """UFL state of a Function of the mixed space."""
+        return State(**dict(zip(self.names, ufl.split(function), strict=True)))
+
+    def _test(self) -> State:
+        return State(**dict(zip(self.names, ufl.TestFunctions(self.space), strict=True)))
+
+    def boundary_conditions(self) -> list[fem.DirichletBC]:
+        """u_x = 0 on the symmetry plane and no slip where a wall law asks for it."""
+        mesh, tags = self.mesh.mesh, self.mesh.facet_tags
+        mesh.topology.create_connectivity(1, 2)
+        zero = fem.Constant(mesh, PETSc.ScalarType(0))
+        bcs = []
+        for i, name in enumerate(self.names):
+            if name not in ("u_g", "u_s"):
+                continue
+            law = self.setup.closures.gas_wall if name == "u_g" else self.setup.closures.solids_wall
+            components = {"symmetry": [0], "wall": [0, 1, 2] if law.strong else []}
+            for tag, which in components.items():
+                facets = tags.find(self.mesh.tags[tag]) if tag in self.mesh.tags else []
+                for component in which:
+                    sub = self.space.sub(i).sub(component)
+                    dofs = fem.locate_dofs_topological(sub, 1, facets)
+                    bcs.append(fem.dirichletbc(zero, dofs, sub))
+        return bcs
+
+    def _newton(self, progress: Callable[[str], None]) -> BorderedNewton:
+        test, trial = self._test(), ufl.TrialFunction(self.space)
+        form = self.model.residual(
+            self.state(self.now), self.state(self.old), test, self.idt, self.drive, self.source
+        )
+        progress("residual")
+        residual = compile_form(form)
+        progress("Jacobian")
+        jacobian = compile_form(ufl.derivative(form, self.now, trial))
+        progress("constraints")
+        return BorderedNewton(
+            residual,
+            jacobian,
+            self.now,
+            self.boundary_conditions(),
+            self._borders(),
+            self._blocks(),
+        )
+
+    def _borders(self) -> list[Border]:
+        """G is set by the gas flux, the uniform source of solids by hold-up or flux."""
+        now, test, dx = self.state(self.now), self._test(), self.domain.dx
+        alpha = self.model.alpha(now)
+        area = fem.assemble_scalar(compile_form(self._constant(1.0) * dx))
+        area = self.mesh.mesh.comm.allreduce(area)
+        self.area = area
+        gas_column = -(1 - alpha) * test.u_g[2] * dx
+        if self.setup.solids is None:
+            return [self._border(self.drive, gas_column, now.u_g[2] * dx, self.setup.gas_velocity)]
+        column = gas_column - alpha * test.u_s[2] * dx
+        kind, value = self.setup.feed
+        carried = alpha * dx if kind == "holdup" else alpha * now.u_s[2] * dx
+        return [
+            self._border(
+                self.drive, column, (1 - alpha) * now.u_g[2] * dx, self.setup.gas_velocity
+            ),
+            self._border(self.source, -alpha * test.q * dx, carried, value),
+        ]
+
+    def _border(
+        self, multiplier: fem.Constant, column: Any, constraint: Any, mean: float
+    ) -> Border:
+        row = ufl.derivative(constraint, self.now, ufl.TestFunction(self.space))
+        return Border(
+            multiplier,
+            compile_form(column),
+            compile_form(constraint),
+            compile_form(row),
+            self._constant(mean * self.area),
+        )
+
+    def _blocks(self) -> list[Block]:
+        speed = 0.1 * self.setup.gas_velocity
+        head = 0.1 * self.setup.gas.density * self.setup.gas_velocity**2
+        scales = {"u_g": (speed,), "p": (head,), "u_s": (speed,)}
+        scales |= {"q": (1.0, 1.0), "tau": (1.0, 1.5)}
+        dofs = dict(zip(self.names, self._dofs, strict=True))
+        return [Block(n, dofs[n], *scales[n]) for n in self.names]
+
+    @property
+    def dofs(self) -> int:
+        """Unknowns on all ranks."""
+        return self.space.dofmap.index_map.size_global * self.space.dofmap.index_map_bs
+
+    # -- what others read ----------------------------------------------------------------------
+
+    def unknown(self, name: str) -> fem.Function:
+        """A copy of one unknown on its own space."""
+        return self.now.sub(self.names.index(name)).collapse()
+
+    def set_unknown(self, name: str, function: fem.Function) -> None:
+        """Put back what `unknown` gave."""
+        dofs = np.asarray(self.space.sub(self.names.index(name)).collapse()[1]).ravel()
+        self.now.x.array[dofs] = function.x.array
+        self.now.x.scatter_forward()
+
+    def fields(self) -> dict[str, fem.Function]:
+        """Fields for output: alpha_s, u_s, u_g, theta, pressure (in the section) at their nodes."""
+        fields = {"u_g": self.unknown("u_g"), "pressure": self.unknown("p")}
+        if self.setup.solids is not None:
+            alpha, theta = self.unknown("q"), self.unknown("tau")
+            alpha.x.array[:] = self.setup.solids.packing_limit / (1 + np.exp(-alpha.x.array))
+            theta.x.array[:] = np.exp(theta.x.array)
+            fields = {"alpha_s": alpha, "u_s": self.unknown("u_s"), **fields, "theta": theta}
+        for name, function in fields.items():
+            function.name = name
+        return fields
+
+    def integral(self, integrand: Any) -> float:
+        """Integral over the part of the section that is solved."""
+        value = fem.assemble_scalar(compile_form(integrand * self.domain.dx))
+        return self.mesh.mesh.comm.allreduce(value)
+
+    def extremes(self) -> dict[str, float]:
+        """Largest alpha_s [-] and Theta [m2/s2]: the early warning of a run."""
+        if self.setup.solids is None:
+            return {}
+        x, comm = self.now.x.array, self.mesh.mesh.comm
+        q, tau = (x[self._dofs[self.names.index(n)]].max(initial=-np.inf) for n in ("q", "tau"))
+        q, tau = comm.allreduce(q, MPI.MAX), comm.allreduce(tau, MPI.MAX)
+        limit = self.setup.solids.packing_limit
+        return {"max_alpha_s": float(limit / (1 + np.exp(-q))), "max_theta": float(np.exp(tau))}
+
+    def wall_force(self) -> float:
+        """Axial force of the walls on both phases per length [N/m], against the flow positive.
+
+        Where a wall law gives the traction it is integrated; where a velocity is imposed it is the
+        reaction in the discrete balance, the residual of the rows that the condition replaced.
+        """
+        now, dz = self.state(self.now), ufl.as_vector((0.0, 0.0, 1.0))
+        laws = self.setup.closures
+        force = 0.0
+        traction = (1 - self.model.alpha(now)) * self.model.gas_wall_traction(now)
+        tractions = {"u_g": (laws.gas_wall, traction)}
+        if self.setup.solids is not None:
+            tractions["u_s"] = (laws.solids_wall, self.model.solids_wall_traction(now))
+        for name, (law, traction) in tractions.items():
+            if law.strong:
+                force += self._reaction(name)
+            else:
+                form = compile_form(ufl.inner(traction, dz) * self.domain.ds_wall)
+                force += self.mesh.mesh.comm.allreduce(fem.assemble_scalar(form))
+        return force
+
+    def _reaction(self, name: str) -> float:
+        vector = fem.assemble_vector(self.newton.residual)
+        vector.scatter_reverse(InsertMode.add)
+        sub = self.space.sub(self.names.index(name)).sub(2)
+        self.mesh.mesh.topology.create_connectivity(1, 2)
+        facets = self.mesh.facet_tags.find(self.mesh.tags["wall"])
+        dofs = fem.locate_dofs_topological(sub, 1, facets)
+        owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
+        value = -float(vector.array[dofs[dofs < owned]].sum())
+        return self.mesh.mesh.comm.allreduce(value)

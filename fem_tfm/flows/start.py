@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Starting states of a developed section: a cold guess, or another section's answer."""
+
+from __future__ import annotations
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from fem_tfm.fenics import compile_form
+from fem_tfm.flows.section import Section
+from fem_tfm.interpolation import transfer
+
+# measured: a cold start is fastest with a granular temperature of about this fraction of U_g^2
+THETA_START = 2.5e-4
+SOLIDS_START = 1.0
+
+
+def _profile(section: Section) -> fem.Function:
+    """Axial shape with mean one: parabola for a laminar gas, 1/7 power otherwise [-]."""
+    space = fem.functionspace(section.mesh.mesh, ("Lagrange", 2))
+    geometry = section.mesh.geometry
+    distance = geometry.wall_distance(ufl.SpatialCoordinate(section.mesh.mesh))
+    s = distance / (geometry.hydraulic_diameter / 2)
+    laminar = section.setup.closures.turbulence.name == "laminar"
+    bounded = ufl.max_value(s, 0.01)
+    shape = s * (2 - s) if laminar else bounded ** (1 / 7)
+    profile = fem.Function(space)
+    profile.interpolate(fem.Expression(shape, space.element.interpolation_points))
+    comm = section.mesh.mesh.comm
+    mean = comm.allreduce(fem.assemble_scalar(compile_form(profile * ufl.dx))) / section.area
+    profile.x.array[:] /= mean
+    return profile
+
+
+def solids_guess(section: Section) -> tuple[float, float]:
+    """Hold-up [-] and mean solids velocity [m/s] to start from."""
+    setup = section.setup
+    kind, value = setup.feed
+    limit = 0.9 * setup.solids.packing_limit
+    if kind == "holdup":
+        alpha = value
+        return alpha, SOLIDS_START * setup.gas_velocity / (1 - alpha)
+    # flux = alpha u_s with u_s = 0.8 U_g/(1 - alpha)
+    speed = SOLIDS_START * setup.gas_velocity
+    alpha = min(value / (speed + value), limit)
+    return alpha, value / alpha
+
+
+def cold(section: Section) -> None:
+    """Uniform alpha_s and Theta, 1/7-power (or parabolic) velocities, rest across the section."""
+    setup = section.setup
+    section.drive.value = section.source.value = 0.0
+    profile = _profile(section).x.array
+    section.now.x.array[:] = 0.0
+    alpha, u_s = (0.0, 0.0) if setup.solids is None else solids_guess(section)
+    _set_axial(section, 0, profile * setup.gas_velocity / (1 - alpha))
+    if setup.solids is not None:
+        _set_axial(section, 2, np.full_like(profile, u_s))
+        logit = float(np.log(alpha / (setup.solids.packing_limit - alpha)))
+        for i, value in ((3, logit), (4, float(np.log(THETA_START * setup.gas_velocity**2)))):
+            section.now.x.array[section.space.sub(i).collapse()[1]] = value
+    _strong_zero(section)
+
+
+def _set_axial(section: Section, i: int, values: np.ndarray) -> None:
+    dofs = section.space.sub(i).sub(2).collapse()[1]
+    section.now.x.array[np.asarray(dofs).ravel()] = values
+
+
+def _strong_zero(section: Section) -> None:
+    fem.set_bc(section.now.x.array, section.newton.bcs)
+    section.now.x.scatter_forward()
+
+
+def warm(section: Section, source: Section) -> None:
+    """The answer of another mesh of the same problem, with its multipliers."""
+    for i in range(len(section.names)):
+        transfer_field(source, section, i)
+    section.drive.value = float(source.drive.value)
+    section.source.value = float(source.source.value)
+    _strong_zero(section)
+
+
+def transfer_field(source: Section, target: Section, i: int) -> None:
+    """Carry unknown number i from one mesh to another."""
+    given = source.now.sub(i).collapse()
+    space, dofs = target.space.sub(i).collapse()
+    found = fem.Function(space)
+    transfer(given, found)
+    target.now.x.array[np.asarray(dofs).ravel()] = found.x.array

@@ -1,0 +1,678 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Meshes of pipes and ducts: opens the parameterised Gmsh scripts in meshes/ and tags their parts.
+
+A section lies in the plane (x, y), y up, z downstream; a half section keeps x >= 0, a quarter
+x >= 0 and y >= 0. Parts are named "fluid", "wall", "symmetry" (half), "symmetry_x" and
+"symmetry_y" (quarter: the planes x = 0 and y = 0) and, in three dimensions, "inlet" and "outlet".
+Gmsh runs on rank 0 alone. What depends on the version of DOLFINx is here and nowhere else.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+import ufl
+from dolfinx import fem
+from dolfinx.io import gmsh as gmsh_io
+from dolfinx.mesh import GhostMode, MeshTags, create_cell_partitioner
+from dolfinx.mesh import Mesh as DolfinxMesh
+from mpi4py import MPI
+
+from fem_tfm.errors import InputError, SolverError, nearest
+
+QUADRANTS = {"none": 4, "half": 2, "quarter": 1}
+CELLS = ("triangle", "quadrilateral")
+SUFFIXES = (".msh", ".xdmf", ".vtu")
+WALL_RATIO = 0.25
+# sizes accepted, over the hydraulic diameter, and wall ratios: below them Gmsh takes minutes
+SMALLEST_SIZE, LARGEST_SIZE, SMALLEST_RATIO = 5e-4, 0.5, 1e-3
+# the wall distance stops here, over the half width: P2 edges cross the circle by less
+DISTANCE_FLOOR = 1e-9
+# Debian packages of the libraries that the wheel of Gmsh loads but does not bring
+DEBIAN_PACKAGES = (
+    "libglu1-mesa libgl1 libxrender1 libxcursor1 libxfixes3 libxext6 libxft2 libxinerama1 "
+    "libfontconfig1 libgomp1"
+)
+# what the scripts set in Gmsh, put back afterwards for users who run Gmsh themselves
+GMSH_OPTIONS = (
+    "General.Terminal",
+    "Mesh.ElementOrder",
+    "Mesh.SecondOrderIncomplete",
+    "Mesh.MeshSizeExtendFromBoundary",
+    "Mesh.MeshSizeFromPoints",
+)
+
+
+def _positive(key: str, value: float) -> None:
+    number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    if not (number and math.isfinite(value) and value > 0):
+        raise InputError(key, value, "a finite number above 0 m")
+
+
+def _choice(key: str, value: str, valid: tuple[str, ...]) -> None:
+    if value not in valid:
+        near = nearest(value, valid) if isinstance(value, str) else None
+        raise InputError(key, value, "one of " + ", ".join(map(repr, valid)), near)
+
+
+def _functions(x: Any) -> tuple[Any, Callable[[Any, Any], Any], Callable[[float], Any]]:
+    """Square root, maximum and constant for arrays or, without a literal in the form, for UFL."""
+    if isinstance(x, ufl.core.expr.Expr):
+        domain = ufl.domain.extract_unique_domain(x)
+        return ufl.sqrt, ufl.max_value, lambda value: fem.Constant(domain, value)
+    return np.sqrt, np.maximum, lambda value: value
+
+
+@dataclass(frozen=True)
+class PipeGeometry:
+    """Section of a round pipe: diameter [m] and the part solved ("half", "none", "quarter").
+
+    Raises InputError for a diameter that is not positive or a part that does not exist.
+    """
+
+    diameter: float
+    symmetry: str = "half"
+    script: ClassVar[str] = "pipe"
+    layouts: ClassVar[tuple[str, ...]] = ("o-grid", "free")
+
+    def __post_init__(self) -> None:
+        _positive("geometry.diameter", self.diameter)
+        _choice("geometry.symmetry", self.symmetry, tuple(QUADRANTS))
+
+    @property
+    def radius(self) -> float:
+        """Radius of the pipe [m]."""
+        return self.diameter / 2
+
+    @property
+    def area(self) -> float:
+        """Area pi D^2/4 of the whole section [m2]."""
+        return math.pi * self.diameter**2 / 4
+
+    @property
+    def area_factor(self) -> int:
+        """Whole section over the part solved [-]."""
+        return 4 // QUADRANTS[self.symmetry]
+
+    @property
+    def meshed_area(self) -> float:
+        """Area of the part solved, circle exact [m2]."""
+        return self.area / self.area_factor
+
+    @property
+    def perimeter(self) -> float:
+        """Wetted perimeter pi D of the whole section [m]."""
+        return math.pi * self.diameter
+
+    @property
+    def hydraulic_diameter(self) -> float:
+        """4 A/P = D [m]."""
+        return self.diameter
+
+    @property
+    def level_size(self) -> float:
+        """Core cell size of level 1, D/8 [m]; every level divides it by sqrt(2)."""
+        return self.diameter / 8
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """Constants of the Gmsh script."""
+        return {"diameter": self.diameter, "quadrants": QUADRANTS[self.symmetry]}
+
+    def wall_distance(self, x: Any) -> Any:
+        """Distance to the wall, y = max(R - |x|, 1e-9 R) [m].
+
+        Exact but for the floor (curved elements cross the circle by round-off and O(h^4)) and for
+        1e-6 R at the axis, where its gradient stays finite. `x` is a UFL SpatialCoordinate or a
+        numpy array of shape (2 or 3, n); lengths enter forms as constants.
+        """
+        sqrt, maximum, constant = _functions(x)
+        radius = constant(self.radius)
+        axis = constant((1e-6 * self.radius) ** 2)
+        r = sqrt(x[0] * x[0] + x[1] * x[1] + axis)
+        return maximum(radius - r, constant(DISTANCE_FLOOR * self.radius))
+
+
+@dataclass(frozen=True)
+class DuctGeometry:
+    """Section of a rectangular duct: width along x, height along y [m] and the part solved.
+
+    The mesh starts at `wall_offset` [m] from the walls, for wall functions; area, perimeter and
+    wall distance are those of the duct. Raises InputError for lengths that are not positive, an
+    offset that leaves no section, or a part that does not exist.
+    """
+
+    width: float
+    height: float
+    symmetry: str = "half"
+    wall_offset: float = 0.0
+    script: ClassVar[str] = "duct"
+    layouts: ClassVar[tuple[str, ...]] = ("grid",)
+
+    def __post_init__(self) -> None:
+        _positive("geometry.width", self.width)
+        _positive("geometry.height", self.height)
+        _choice("geometry.symmetry", self.symmetry, tuple(QUADRANTS))
+        half = min(self.width, self.height) / 2
+        if not 0 <= self.wall_offset < half:
+            raise InputError("wall_offset", self.wall_offset, f"a length from 0 to below {half:g} m")
+
+    @property
+    def radius(self) -> float:
+        """Half the hydraulic diameter [m]."""
+        return self.hydraulic_diameter / 2
+
+    @property
+    def area(self) -> float:
+        """Area W H of the whole section [m2]."""
+        return self.width * self.height
+
+    @property
+    def area_factor(self) -> int:
+        """Whole section over the part solved [-]."""
+        return 4 // QUADRANTS[self.symmetry]
+
+    @property
+    def meshed_area(self) -> float:
+        """Area of the mesh: of the part solved and without the strip at the walls [m2]."""
+        inner = (self.width - 2 * self.wall_offset) * (self.height - 2 * self.wall_offset)
+        return inner / self.area_factor
+
+    @property
+    def perimeter(self) -> float:
+        """Wetted perimeter 2 (W + H) of the whole section [m]."""
+        return 2 * (self.width + self.height)
+
+    @property
+    def hydraulic_diameter(self) -> float:
+        """4 A/P = 2 W H/(W + H) [m]."""
+        return 4 * self.area / self.perimeter
+
+    @property
+    def level_size(self) -> float:
+        """Core cell size of level 1, 0.23 of the shorter side [m]; levels divide it by sqrt(2)."""
+        return 0.23 * min(self.width, self.height)
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """Constants of the Gmsh script."""
+        return {
+            "width": self.width,
+            "height": self.height,
+            "wall_offset": self.wall_offset,
+            "quadrants": QUADRANTS[self.symmetry],
+        }
+
+    def wall_distance(self, x: Any) -> Any:
+        """Distance to the walls, y = (a^-4 + b^-4)^(-1/4) [m], of the distances a and b.
+
+        a = W/2 - |x|, b = H/2 - |y|. Smooth across the diagonals; below min(a, b) by (a/b)^4/4 of it:
+        exact near a wall away from corners, 16 % low where a = b. |x| is rounded within 1e-3 W of
+        the planes x = 0 and y = 0 (5e-6 W elsewhere), and y is floored at 1e-9 of the half width.
+        """
+        sqrt, maximum, constant = _functions(x)
+
+        def side(coordinate: Any, length: float) -> Any:
+            rounding = constant((1e-3 * length) ** 2)
+            # zero on the wall itself, rounding or not
+            end = constant(math.sqrt(length**2 / 4 + (1e-3 * length) ** 2))
+            distance = end - sqrt(coordinate * coordinate + rounding)
+            return maximum(distance, constant(DISTANCE_FLOOR * length / 2))
+
+        a, b = side(x[0], self.width), side(x[1], self.height)
+        # a b/(a^4 + b^4)^(1/4) divided through, so that no fourth power underflows
+        low, high = a / (a + b), b / (a + b)
+        return (a + b) * low * high / sqrt(sqrt(low**4 + high**4))
+
+
+Geometry = PipeGeometry | DuctGeometry
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """How fine a mesh is and what its cells are.
+
+    level      : core cell size = geometry.level_size/sqrt(2)^(level - 1): cells double per level
+    size       : core cell size [m] in place of the level; rounded so that whole cells fit
+    wall_ratio : thickness of the wall cell over the core cell, (0, 1]; sizes between them change
+                 linearly with the wall distance
+    cells      : "triangle" | "quadrilateral"; extruded to tetrahedra | hexahedra
+    order      : 2 curves the cells along the wall, 1 has straight edges between nodes on the wall
+    layout     : pipe: "o-grid" (thin long cells in layers along the wall) | "free" (isotropic
+                 triangles); duct: "grid". None takes the first.
+
+    Raises InputError.
+    """
+
+    level: int = 3
+    size: float | None = None
+    wall_ratio: float = WALL_RATIO
+    cells: str = "triangle"
+    order: int = 2
+    layout: str | None = None
+
+    def __post_init__(self) -> None:
+        if isinstance(self.level, bool) or self.level not in range(1, 13):
+            raise InputError("numerics.level", self.level, "a whole number from 1 to 12")
+        if self.size is not None:
+            _positive("numerics.mesh_size", self.size)
+        ratio = self.wall_ratio
+        if isinstance(ratio, (bool, str)) or not SMALLEST_RATIO <= ratio <= 1:
+            raise InputError("numerics.wall_grading", ratio, f"from {SMALLEST_RATIO:g} to 1")
+        _choice("numerics.cells", self.cells, CELLS)
+        if self.order not in (1, 2):
+            raise InputError("order", self.order, "1 or 2")
+
+    def core_size(self, geometry: Geometry) -> float:
+        """Core cell size asked for [m]; raises InputError if the section cannot carry it."""
+        size = self.size
+        if size is None:
+            size = geometry.level_size / math.sqrt(2) ** (self.level - 1)
+        lower, upper = (f * geometry.hydraulic_diameter for f in (SMALLEST_SIZE, LARGEST_SIZE))
+        if not lower <= size <= upper:
+            raise InputError("numerics.mesh_size", size, f"from {lower:g} to {upper:g} m")
+        return size
+
+    def chosen_layout(self, geometry: Geometry) -> str:
+        """The layout asked for or the first of the geometry; raises InputError."""
+        layout = geometry.layouts[0] if self.layout is None else self.layout
+        _choice("layout", layout, geometry.layouts)
+        if layout == "free" and self.cells != "triangle":
+            raise InputError("numerics.cells", self.cells, "'triangle' in the layout 'free'")
+        return layout
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A tagged DOLFINx mesh and the geometry it stands for.
+
+    mesh       : dolfinx Mesh, with a layer of ghost cells across facets in parallel
+    cell_tags  : MeshTags of the cells ("fluid")
+    facet_tags : MeshTags of the boundary facets; every one has exactly one tag
+    tags       : tag of each name
+    geometry   : PipeGeometry or DuctGeometry
+    size       : core cell size [m] as built; the wall cell is wall_ratio times that
+    length     : length along z [m], None for a section
+    """
+
+    mesh: DolfinxMesh
+    cell_tags: MeshTags
+    facet_tags: MeshTags
+    tags: dict[str, int]
+    geometry: Geometry
+    size: float
+    length: float | None = None
+
+    @property
+    def num_cells(self) -> int:
+        """Cells on all ranks."""
+        return int(self.mesh.topology.index_map(self.mesh.topology.dim).size_global)
+
+    def wall_distance(self) -> Any:
+        """UFL distance to the wall [m], see the geometry."""
+        return self.geometry.wall_distance(ufl.SpatialCoordinate(self.mesh))
+
+    def facets(self, name: str) -> npt.NDArray[np.int32]:
+        """Local indices of the facets called `name`; empty if the mesh has no such part."""
+        tag = self.tags.get(name)
+        return np.empty(0, dtype=np.int32) if tag is None else self.facet_tags.find(tag)
+
+
+def section(
+    geometry: Geometry, level: int = 3, *, comm: MPI.Comm = MPI.COMM_WORLD, **resolution: Any
+) -> Mesh:
+    """Mesh of a section in the plane (x, y).
+
+    `resolution`: size, wall_ratio, cells, order, layout as in Resolution, e.g.
+    section(PipeGeometry(0.01), size=5e-4, wall_ratio=0.1). Collective; every rank raises the same
+    InputError for bad input, before any communication, and SolverError if Gmsh fails.
+    """
+    return _build(_Request(geometry, Resolution(level, **resolution)), comm)
+
+
+def extruded(
+    geometry: Geometry,
+    length: float,
+    layers: int,
+    level: int = 3,
+    *,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    **resolution: Any,
+) -> Mesh:
+    """Mesh of a straight pipe or duct, 0 <= z <= length [m], in `layers` equal slices.
+
+    Triangles become tetrahedra, quadrilaterals hexahedra. Arguments and errors as for section().
+    """
+    return _build(_Request(geometry, Resolution(level, **resolution), length, layers), comm)
+
+
+def write(
+    geometry: Geometry,
+    path: str | Path,
+    level: int = 3,
+    *,
+    length: float | None = None,
+    layers: int = 1,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    **resolution: Any,
+) -> None:
+    """Write the mesh to .msh (Gmsh 4.1, with names), .vtu or .xdmf + .h5.
+
+    .vtu holds cells and boundary facets with the tag of each as cell data "tag"; .xdmf the cells, and a
+    second file NAME_facets.xdmf the facets, which is the pair that DOLFINx reads. A length [m] writes
+    the extruded mesh. Collective. Raises InputError for another suffix or a missing directory.
+    """
+    path = check_path(path)
+    request = _Request(geometry, Resolution(level, **resolution), length, layers)
+
+    def work() -> None:
+        with _model(request) as gmsh:
+            _save(gmsh, path, request.dim)
+
+    _on_root(comm, work)
+
+
+def check_path(path: str | Path) -> Path:
+    """Path of a mesh file; raises InputError for an unknown suffix or a missing directory."""
+    path = Path(path)
+    if path.suffix not in SUFFIXES:
+        near = nearest(path.suffix, SUFFIXES)
+        raise InputError("--out", str(path), "a file name ending in " + ", ".join(SUFFIXES), near)
+    if not path.parent.is_dir():
+        raise InputError("--out", str(path), "a file in a directory that exists")
+    return path
+
+
+def geometry_of(case: Any) -> Geometry:
+    """Geometry of a case's section; symmetry "auto" takes the half. Raises InputError."""
+    given = case.geometry
+    _choice("geometry.shape", given.shape, ("pipe", "duct"))
+    symmetry = "half" if given.symmetry == "auto" else given.symmetry
+    if given.shape == "pipe":
+        return PipeGeometry(given.diameter, symmetry)
+    height = given.width if given.height is None else given.height
+    return DuctGeometry(given.width, height, symmetry)
+
+
+def resolution_of(case: Any) -> dict[str, Any]:
+    """Keyword arguments `level`, `size`, `wall_ratio`, `cells` of section() from a case."""
+    given = case.numerics
+    ratio = WALL_RATIO if given.wall_grading is None else given.wall_grading
+    return {
+        "level": given.level,
+        "size": given.mesh_size,
+        "wall_ratio": ratio,
+        "cells": given.cells,
+    }
+
+
+def write_case_mesh(case: Any, path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> None:
+    """Write the section of a case, see write()."""
+    write(geometry_of(case), path, comm=comm, **resolution_of(case))
+
+
+@dataclass(frozen=True)
+class _Request:
+    """One mesh to make, checked."""
+
+    geometry: Geometry
+    resolution: Resolution
+    length: float | None = None
+    layers: int = 1
+
+    def __post_init__(self) -> None:
+        if self.length is not None:
+            _positive("length", self.length)
+        if isinstance(self.layers, bool) or not isinstance(self.layers, int) or self.layers < 1:
+            raise InputError("layers", self.layers, "a whole number above 0")
+        self.constants  # noqa: B018  (raises on bad sizes and layouts)
+
+    @property
+    def dim(self) -> int:
+        return 2 if self.length is None else 3
+
+    @property
+    def constants(self) -> dict[str, float]:
+        """Constants of the Gmsh script."""
+        given = self.resolution
+        return {
+            **self.geometry.constants,
+            "size": given.core_size(self.geometry),
+            "wall_ratio": given.wall_ratio,
+            "layout": self.geometry.layouts.index(given.chosen_layout(self.geometry)),
+            "quads": CELLS.index(given.cells),
+            "order": given.order,
+            "length": self.length or 0.0,
+            "axial_layers": self.layers,
+        }
+
+    @property
+    def bends_diagonals(self) -> bool:
+        layout = self.resolution.chosen_layout(self.geometry)
+        return layout == "o-grid" and self.resolution.cells == "triangle" and self.resolution.order == 2
+
+
+def _import_gmsh() -> ModuleType:
+    try:
+        import gmsh
+    except OSError as error:
+        raise SolverError(
+            f"Gmsh misses a system library ({error}); on Debian or Ubuntu install {DEBIAN_PACKAGES}"
+        ) from error
+    except ImportError as error:
+        raise SolverError(f"Gmsh is not installed ({error}): pip install gmsh") from error
+    return gmsh
+
+
+def _script(name: str) -> Path:
+    """Path of a Gmsh script: beside the package in a checkout, inside it when installed."""
+    here = Path(__file__).resolve().parent
+    for folder in (here / "meshes", here.parent / "meshes"):
+        if (folder / f"{name}.geo").is_file():
+            return folder / f"{name}.geo"
+    raise SolverError(f"meshes/{name}.geo is missing from the installation of fem_tfm")
+
+
+@contextmanager
+def _session() -> Iterator[ModuleType]:
+    """A silent Gmsh with a model of its own; leaves a Gmsh that the user runs as it was."""
+    gmsh = _import_gmsh()
+    own = not gmsh.isInitialized()
+    if own:
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
+    else:
+        current = gmsh.model.getCurrent()
+    options = {name: gmsh.option.getNumber(name) for name in GMSH_OPTIONS}
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.model.add("fem_tfm")
+    try:
+        yield gmsh
+    finally:
+        gmsh.model.remove()
+        for name, value in options.items():
+            gmsh.option.setNumber(name, value)
+        if own:
+            gmsh.finalize()
+        else:
+            gmsh.model.setCurrent(current)
+
+
+@contextmanager
+def _model(request: _Request) -> Iterator[ModuleType]:
+    """Gmsh with the mesh of `request` as its current model."""
+    with _session() as gmsh:
+        constants = request.constants
+        for name, value in constants.items():
+            gmsh.parser.setNumber(name, [value])
+        try:
+            gmsh.merge(str(_script(request.geometry.script)))
+            gmsh.model.mesh.generate(request.dim)
+            if request.bends_diagonals:
+                _bend_diagonals(gmsh, request.dim)
+            yield gmsh
+        finally:
+            gmsh.parser.clear()
+
+
+def _bend_diagonals(gmsh: ModuleType, dim: int) -> None:
+    """Move the mid-side nodes of diagonals to the centre of their curved quadrilateral.
+
+    A straight diagonal cuts through the curved sides of a long thin cell; the centre is that of the
+    transfinite map, half the sum of the four mid-sides less a quarter of that of the corners.
+    """
+    tags, points, _ = gmsh.model.mesh.getNodes()
+    points = points.reshape(-1, 3)
+    row = np.zeros(int(tags.max()) + 1, dtype=np.int64)
+    row[tags] = np.arange(tags.size)
+    first, second = _pairs(gmsh, dim)
+    first, second = row[first], row[second]
+    shared = first[:, 3:, None] == second[:, None, 3:]
+    if not np.all(shared.sum(axis=(1, 2)) == 1):
+        raise SolverError("Gmsh did not split each quadrilateral into two triangles that follow")
+    edges = np.argwhere(shared)
+    middle = first[edges[:, 0], 3 + edges[:, 1]]
+    sides = sum(points[t[:, 3:]].sum(axis=1) for t in (first, second)) - 2 * points[middle]
+    ends = sum(points[first[edges[:, 0], (edges[:, 1] + i) % 3]] for i in (0, 1))
+    corners = sum(points[t[:, :3]].sum(axis=1) for t in (first, second)) - ends
+    _move(gmsh, tags, points, points[middle], sides / 2 - corners / 4, dim)
+
+
+def _pairs(gmsh: ModuleType, dim: int) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
+    """Nodes of the first and second triangles of the section's split quadrilaterals."""
+    name = "fluid" if dim == 2 else "inlet"
+    groups = {gmsh.model.getPhysicalName(*group): group for group in gmsh.model.getPhysicalGroups(2)}
+    entities = gmsh.model.getEntitiesForPhysicalGroup(*groups[name])
+    nodes = [gmsh.model.mesh.getElements(2, entity)[2][0] for entity in entities]
+    triangles = np.concatenate(nodes).reshape(-1, 6)
+    return triangles[0::2], triangles[1::2]
+
+
+def _move(
+    gmsh: ModuleType,
+    tags: npt.NDArray[Any],
+    points: npt.NDArray[np.float64],
+    old: npt.NDArray[np.float64],
+    new: npt.NDArray[np.float64],
+    dim: int,
+) -> None:
+    """Move the nodes at `old` to `new`, and with them all those above (same x and y)."""
+    shift = new - old
+    far = np.linalg.norm(shift, axis=1) > 1e-9 * np.abs(points[:, :2]).max()
+    old, shift = old[far], shift[far]
+    for node, by in zip(*_above(points, old, shift), strict=True):
+        gmsh.model.mesh.setNode(tags[node], points[node] + by, [])
+
+
+def _above(
+    points: npt.NDArray[np.float64], old: npt.NDArray[np.float64], shift: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[Any], npt.NDArray[np.float64]]:
+    """Rows of `points` over each of `old`, and the shift of each."""
+    from scipy.spatial import cKDTree
+
+    if not len(old):
+        return np.empty(0, dtype=np.int64), shift
+    reach = 1e-7 * np.abs(points[:, :2]).max()
+    distance, nearest_one = cKDTree(old[:, :2]).query(points[:, :2], distance_upper_bound=reach)
+    hit = np.flatnonzero(np.isfinite(distance))
+    return hit, shift[nearest_one[hit]]
+
+
+def _on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
+    """Result of `work` on rank 0, on every rank; its failure is raised on every rank."""
+    result, error = None, None
+    if comm.rank == 0:
+        try:
+            result = work()
+        except Exception as failure:  # whatever happens, the other ranks wait for the news
+            error = failure
+    message = comm.bcast(None if error is None else str(error), root=0)
+    if message is not None:
+        raise SolverError(f"no mesh: {message}") from error
+    return comm.bcast(result, root=0)
+
+
+def _build(request: _Request, comm: MPI.Comm) -> Mesh:
+    """Mesh of `request`, distributed over `comm`."""
+    with _distributable(request, comm) as (model, size):
+        data = gmsh_io.model_to_mesh(
+            model,
+            comm,
+            0,
+            gdim=request.dim,
+            partitioner=create_cell_partitioner(GhostMode.shared_facet, 2),
+        )
+    tags = {name: group.tag for name, group in data.physical_groups.items()}
+    cells = data.mesh.topology.index_map(request.dim)
+    assert comm.size == 1 or comm.allreduce(cells.num_ghosts) > 0 or cells.size_global < 2 * comm.size
+    return Mesh(
+        data.mesh, data.cell_tags, data.facet_tags, tags, request.geometry, size, request.length
+    )
+
+
+@contextmanager
+def _distributable(request: _Request, comm: MPI.Comm) -> Iterator[tuple[Any, float]]:
+    """Gmsh model on rank 0 (None elsewhere) and the core cell size on every rank."""
+    opened = _model(request) if comm.rank == 0 else None
+
+    def work() -> tuple[float, ...]:
+        assert opened is not None
+        return tuple(opened.__enter__().parser.getNumber("core_size"))
+
+    size = _on_root(comm, work)[0]
+    try:
+        yield (None if opened is None else _import_gmsh().model), size
+    finally:
+        if opened is not None:
+            opened.__exit__(None, None, None)
+
+
+def _save(gmsh: ModuleType, path: Path, dim: int) -> None:
+    """Write the current model to `path` by its suffix."""
+    if path.suffix == ".msh":
+        gmsh.write(str(path))
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        source = Path(folder) / "mesh.msh"
+        gmsh.write(str(source))
+        _convert(source, path, dim)
+
+
+def _convert(source: Path, path: Path, dim: int) -> None:
+    """Rewrite a Gmsh file as .vtu or .xdmf."""
+    import meshio
+
+    mesh = meshio.read(source)
+    blocks = list(zip(mesh.cells, mesh.cell_data["gmsh:physical"], strict=True))
+    kinds = {"cells": dim, "facets": dim - 1}
+    parts = {
+        kind: [(b, tag) for b, tag in blocks if b.dim == number] for kind, number in kinds.items()
+    }
+    if path.suffix == ".vtu":
+        _merged(mesh.points, parts["cells"] + parts["facets"]).write(path)
+        return
+    # two columns: DOLFINx takes the dimension of space from them
+    points = mesh.points[:, :dim]
+    _merged(points, parts["cells"]).write(path)
+    _merged(points, parts["facets"]).write(path.with_name(path.stem + "_facets.xdmf"))
+
+
+def _merged(points: npt.NDArray[np.float64], blocks: list[tuple[Any, Any]]) -> Any:
+    """Meshio mesh with one block per type of cell."""
+    import meshio
+
+    kinds = dict.fromkeys(block.type for block, _ in blocks)
+    cells = [
+        (kind, np.concatenate([block.data for block, _ in blocks if block.type == kind]))
+        for kind in kinds
+    ]
+    tags = [np.concatenate([tag for block, tag in blocks if block.type == kind]) for kind in kinds]
+    return meshio.Mesh(points, cells, cell_data={"tag": tags})

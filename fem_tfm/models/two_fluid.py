@@ -1,0 +1,380 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Weak forms of the two-fluid model.
+
+Balances (physics of dense gas-solid flow; every solids viscosity is that of the whole phase)::
+
+    d(a_i rho_i)/dt + div(a_i rho_i u_i) = 0,  a_g + a_s = 1
+    d(a_i rho_i u_i)/dt + div(a_i rho_i u_i u_i)
+        = -a_i grad p + div sigma_i +- beta (u_g - u_s) + a_i rho_i g
+    3/2 [d(a rho_s Theta)/dt + div(a rho_s u_s Theta)]
+        = sigma_kin : grad u_s + div(kappa grad Theta) - gamma - 3 beta Theta
+
+Unknowns are u_s, u_g (three components), p, q = logit(alpha_s/alpha_max) and tau = ln Theta, so
+that 0 < alpha_s < alpha_max and Theta > 0 hold by construction. p is the pressure without the
+weight of the gas: P = p + rho_g g.x - G z, so the solids feel alpha_s (rho_s - rho_g) g. Momentum
+is conservative: tested with a constant it says that the walls carry G times the area to the
+accuracy of the solver.
+
+All terms are on the left-hand side. Forms know neither a mesh nor a solver: states and tests are
+UFL expressions, which is also how the manufactured solutions are made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import ufl
+from ufl.core.expr import Expr
+
+from fem_tfm.closures.base import Closure
+from fem_tfm.closures.granular import Kinetic, algebraic_theta
+from fem_tfm.closures.materials import Gas, Solids
+from fem_tfm.closures.walls import WallState
+from fem_tfm.models.axis import Axis
+
+
+@dataclass(frozen=True)
+class ClosureSet:
+    """One closure of each family; `theta` is "transport" or "algebraic"."""
+
+    drag: Closure
+    radial: Closure
+    granular: Closure
+    friction: Closure
+    turbulence: Closure
+    gas_wall: Closure
+    solids_wall: Closure
+    theta: str = "transport"
+    friction_feeds_theta: bool = False
+
+    def bound(self, wrap: Callable[[float], Any]) -> ClosureSet:
+        """The same set with every parameter wrapped, so that a change recompiles nothing."""
+        names = (f.name for f in fields(self))
+        laws = {n: getattr(self, n) for n in names}
+        return replace(
+            self, **{n: c.bound(wrap) for n, c in laws.items() if isinstance(c, Closure)}
+        )
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """Small stated regularisations of the weak forms.
+
+    alpha_diffusion : diffusion of logit(alpha_s) [m2/s]; a mass-conserving diffusion
+        D = alpha_diffusion/(alpha_s (1 - alpha_s/alpha_max)) that keeps voids bounded
+    theta_floor : granular temperature that the gas keeps up in an unsheared plug [m2/s2]
+    slip_floor : added in quadrature to the slip speed in the drag [m/s]
+    shear_floor : added in quadrature to the gas shear rate in the eddy viscosity [1/s]
+    wall_penalty : factor of the weak condition u.n = 0 [-]
+    wall_speed : speed of the inertial share of that condition [m/s]
+    pressure_shift : compressibility that fixes the mean of p at zero [m s/kg]
+    """
+
+    alpha_diffusion: Any
+    theta_floor: Any
+    slip_floor: Any
+    shear_floor: Any
+    wall_penalty: Any
+    wall_speed: Any
+    pressure_shift: Any
+
+    def bound(self, wrap: Callable[[float], Any]) -> Numerics:
+        """The same values wrapped, so that a change recompiles nothing."""
+        return replace(self, **{f.name: wrap(getattr(self, f.name)) for f in fields(self)})
+
+
+@dataclass(frozen=True)
+class State:
+    """Unknowns as UFL expressions; the gas alone has u_s = q = tau = None."""
+
+    u_g: Expr
+    p: Expr
+    u_s: Expr | None = None
+    q: Expr | None = None
+    tau: Expr | None = None
+
+
+@dataclass(frozen=True)
+class Domain:
+    """What the forms need of the geometry.
+
+    dx, ds_wall : measures of the section and of its wall
+    normal : outward normal, three components
+    wall_distance : distance to the wall-law plane's origin [m], a UFL expression
+    wall_offset : distance y_p at which the gas wall law holds [m]
+    radius, diameter : half the hydraulic diameter and the diameter [m]
+    wall_cell : height of the cell at a wall facet [m]
+    """
+
+    dx: ufl.Measure
+    ds_wall: ufl.Measure
+    normal: Expr
+    wall_distance: Expr
+    wall_offset: Any
+    radius: Any
+    diameter: Any
+    wall_cell: Expr
+
+
+@dataclass(frozen=True)
+class Solid:
+    """Pointwise quantities of the solids at one state (UFL expressions, SI units)."""
+
+    alpha: Expr
+    theta: Expr
+    g0: Expr
+    kinetic: Kinetic
+    p_f: Expr
+    mu_f: Expr
+    rate: Expr
+    strain: Expr
+    dilation: Expr
+
+    @property
+    def pressure(self) -> Expr:
+        """p_s = p_kinetic + p_f [Pa]."""
+        return self.kinetic.pressure + self.p_f
+
+    @property
+    def viscosity(self) -> Expr:
+        """mu_s = mu_kinetic + mu_f [Pa s]."""
+        return self.kinetic.shear_viscosity + self.mu_f
+
+    def stress(self) -> Expr:
+        """sigma_s = (-p_s + lambda_s D) I + 2 mu_s S [Pa]."""
+        bulk = -self.pressure + self.kinetic.bulk_viscosity * self.dilation
+        return bulk * ufl.Identity(3) + 2 * self.viscosity * self.strain
+
+    def kinetic_work(self) -> Expr:
+        """sigma_kin : grad u_s, the production of granular energy [W/m3]."""
+        k = self.kinetic
+        return (
+            2 * k.shear_viscosity * ufl.inner(self.strain, self.strain)
+            + k.bulk_viscosity * self.dilation**2
+            - k.pressure * self.dilation
+        )
+
+
+def deviatoric_strain(rate: Expr) -> Expr:
+    """S = dev(sym(grad u)), shape (3, 3) [1/s]."""
+    return ufl.sym(rate) - ufl.tr(rate) / 3 * ufl.Identity(3)
+
+
+class TwoFluid:
+    """Two-fluid model of gas and solids, or of the gas alone when `solids` is None.
+
+    Parameters
+    ----------
+    gas, solids : material properties (SI); `solids` None leaves the solids out of every form
+    closures : one closure of each family
+    gravity : vector of length 3 [m/s2]
+    numerics : regularisations
+    axis : the axial derivative
+    domain : measures, normal and distances
+    """
+
+    def __init__(
+        self,
+        gas: Gas,
+        solids: Solids | None,
+        closures: ClosureSet,
+        gravity: Any,
+        numerics: Numerics,
+        axis: Axis,
+        domain: Domain,
+    ) -> None:
+        self.gas = gas
+        self.solids = solids
+        self.closures = closures
+        self.gravity = gravity
+        self.numerics = numerics
+        self.axis = axis
+        self.domain = domain
+
+    # -- pointwise quantities ------------------------------------------------------------------
+
+    def alpha(self, state: State) -> Expr:
+        """alpha_s = alpha_max/(1 + exp(-q)) [-]."""
+        if self.solids is None:
+            return ufl.as_ufl(0.0)
+        return self.solids.packing_limit / (1 + ufl.exp(-state.q))
+
+    def theta(self, state: State) -> Expr:
+        """Theta = exp(tau) [m2/s2]."""
+        return ufl.exp(state.tau)
+
+    def solid(self, state: State) -> Solid:
+        """Closures of the solids at a state."""
+        alpha, theta = self.alpha(state), self.theta(state)
+        rate = self.axis.jacobian(state.u_s)
+        strain, dilation = deviatoric_strain(rate), ufl.tr(rate)
+        g0 = self.closures.radial.g0(alpha, self.solids)
+        kinetic = self.closures.granular.coefficients(
+            alpha, theta, g0, self.solids, self.domain.diameter
+        )
+        shear = ufl.inner(strain, strain)
+        friction = self.closures.friction.stress(alpha, theta, shear, dilation, self.solids)
+        return Solid(
+            alpha, theta, g0, kinetic, friction.pressure, friction.viscosity, rate, strain, dilation
+        )
+
+    def drag(self, state: State) -> Expr:
+        """Drag coefficient beta [kg/m3/s] with the slip speed kept off zero."""
+        slip = state.u_g - state.u_s
+        speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
+        return self.closures.drag.beta(self.alpha(state), speed, self.gas, self.solids)
+
+    def gas_viscosity(self, state: State) -> Expr:
+        """mu_g,eff = mu_g + mu_t [Pa s]."""
+        strain = deviatoric_strain(self.axis.jacobian(state.u_g))
+        shear = ufl.sqrt(2 * ufl.inner(strain, strain) + self.numerics.shear_floor**2)
+        distance = self.domain.wall_distance + self.domain.wall_offset
+        mu_t = self.closures.turbulence.eddy_viscosity(
+            shear, distance, self.gas, self.domain.radius
+        )
+        return self.gas.viscosity + mu_t
+
+    def numerical_flux(self, state: State) -> Expr:
+        """Volume flux of the solids by the diffusion of q, -alpha_diffusion grad q [m/s]."""
+        return -self.numerics.alpha_diffusion * self.axis.gradient(state.q)
+
+    # -- balances ------------------------------------------------------------------------------
+
+    def solids_mass(self, now: State, old: State, w: Expr, idt: Any, source: Any) -> ufl.Form:
+        """Continuity of the solids over rho_s, with a uniform relative source [1/s]."""
+        alpha = self.alpha(now)
+        flux = alpha * now.u_s + self.numerical_flux(now)
+        rate = idt * (alpha - self.alpha(old)) - source * alpha
+        return (rate * w - ufl.inner(flux, self.axis.gradient(w))) * self.domain.dx
+
+    def mixture_mass(self, now: State, w: Expr) -> ufl.Form:
+        """div(alpha_s u_s + alpha_g u_g) = 0, with nothing through the walls."""
+        alpha = self.alpha(now)
+        flux = (1 - alpha) * now.u_g
+        if self.solids is not None:
+            flux = flux + alpha * now.u_s
+        shift = self.numerics.pressure_shift * now.p * w
+        return -(ufl.inner(flux, self.axis.gradient(w)) + shift) * self.domain.dx
+
+    def solids_momentum(self, now: State, old: State, v: Expr, idt: Any, drive: Any) -> ufl.Form:
+        """Momentum of the solids, with wall friction and the weak condition u_s.n = 0."""
+        rho, solid = self.solids.density, self.solid(now)
+        a, a0 = solid.alpha, self.alpha(old)
+        flux = a * now.u_s + self.numerical_flux(now)
+        body = a * (self.axis.gradient(now.p) - (rho - self.gas.density) * self.gravity)
+        form = (
+            rho * idt * ufl.inner(a * now.u_s - a0 * old.u_s, v)
+            + ufl.inner(body, v)
+            - a * drive * v[2]
+            - self.drag(now) * ufl.inner(now.u_g - now.u_s, v)
+            + ufl.inner(solid.stress() - rho * ufl.outer(now.u_s, flux), self.axis.jacobian(v))
+        ) * self.domain.dx
+        stiffness = solid.viscosity + solid.kinetic.bulk_viscosity
+        traction = self.solids_wall_traction(now)
+        return form + self.wall_terms(now.u_s, v, traction, solid.stress(), stiffness, rho * a)
+
+    def gas_momentum(self, now: State, old: State, v: Expr, idt: Any, drive: Any) -> ufl.Form:
+        """Momentum of the gas, with its wall law and the weak condition u_g.n = 0."""
+        rho, mu = self.gas.density, self.gas_viscosity(now)
+        a, a0 = 1 - self.alpha(now), 1 - self.alpha(old)
+        flux = a * now.u_g
+        if self.solids is not None:
+            flux = flux - self.numerical_flux(now)
+        stress = 2 * a * mu * deviatoric_strain(self.axis.jacobian(now.u_g))
+        form = (
+            rho * idt * ufl.inner(a * now.u_g - a0 * old.u_g, v)
+            + a * ufl.inner(self.axis.gradient(now.p), v)
+            - a * drive * v[2]
+            + ufl.inner(stress - rho * ufl.outer(now.u_g, flux), self.axis.jacobian(v))
+        ) * self.domain.dx
+        if self.solids is not None:
+            slip = now.u_g - now.u_s
+            form += self.drag(now) * ufl.inner(slip, v) * self.domain.dx
+        return form + self.wall_terms(
+            now.u_g, v, a * self.gas_wall_traction(now), stress, a * mu, rho * a
+        )
+
+    def granular_energy(self, now: State, old: State, w: Expr, idt: Any) -> ufl.Form:
+        """Granular energy, or production = dissipation with `theta = "algebraic"`."""
+        solid, rho = self.solid(now), self.solids.density
+        theta, k = solid.theta, solid.kinetic
+        if self.closures.theta == "algebraic":
+            shear = ufl.inner(solid.strain, solid.strain)
+            target = algebraic_theta(
+                solid.alpha,
+                solid.g0,
+                shear,
+                solid.dilation,
+                self.closures.granular,
+                self.solids,
+                self.domain.diameter,
+                self.drag(now),
+            )
+            target += self.numerics.theta_floor
+            return (now.tau - ufl.ln(target)) * w * self.domain.dx
+        work = solid.kinetic_work()
+        if self.closures.friction_feeds_theta:
+            work += 2 * solid.mu_f * ufl.inner(solid.strain, solid.strain)
+        sink = k.dissipation + 3 * self.drag(now) * (theta - self.numerics.theta_floor)
+        old_energy = self.alpha(old) * self.theta(old)
+        flux = solid.alpha * now.u_s + self.numerical_flux(now)
+        conduction = k.conductivity * theta * self.axis.gradient(now.tau)
+        form = (
+            (1.5 * rho * idt * (solid.alpha * theta - old_energy) - work + sink) * w
+            + ufl.inner(conduction - 1.5 * rho * theta * flux, self.axis.gradient(w))
+        ) * self.domain.dx
+        heat = self.closures.solids_wall.heat(self.wall_state(now, solid), self.solids)
+        return form - heat * w * self.domain.ds_wall
+
+    def residual(
+        self, now: State, old: State, test: State, idt: Any, drive: Any, source: Any
+    ) -> ufl.Form:
+        """Sum of all balances; `idt` = 1/dt [1/s], `drive` = G [Pa/m], `source` [1/s]."""
+        form = self.gas_momentum(now, old, test.u_g, idt, drive) + self.mixture_mass(now, test.p)
+        if self.solids is None:
+            return form
+        return (
+            form
+            + self.solids_momentum(now, old, test.u_s, idt, drive)
+            + self.solids_mass(now, old, test.q, idt, source)
+            + self.granular_energy(now, old, test.tau, idt)
+        )
+
+    # -- walls ---------------------------------------------------------------------------------
+
+    def tangential(self, u: Expr) -> Expr:
+        """u - (u.n) n, the velocity along a wall at rest [m/s]."""
+        n = self.domain.normal
+        return u - ufl.inner(u, n) * n
+
+    def wall_state(self, state: State, solid: Solid) -> WallState:
+        """What the solids' wall law sees."""
+        slip = self.tangential(state.u_s)
+        speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
+        return WallState(solid.alpha, solid.theta, solid.g0, solid.p_f, speed)
+
+    def solids_wall_traction(self, state: State) -> Expr:
+        """c u_t, minus the traction of the wall on the solids [Pa]."""
+        law = self.closures.solids_wall
+        friction = law.friction(self.wall_state(state, self.solid(state)), self.solids)
+        return friction * self.tangential(state.u_s)
+
+    def gas_wall_traction(self, state: State) -> Expr:
+        """c u_t per unit of gas fraction, minus the traction of the wall on the gas [Pa]."""
+        slip = self.tangential(state.u_g)
+        speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
+        return self.closures.gas_wall.friction(speed, self.domain.wall_offset, self.gas) * slip
+
+    def wall_terms(
+        self, u: Expr, v: Expr, traction: Expr, stress: Expr, viscosity: Expr, density: Expr
+    ) -> ufl.Form:
+        """Traction along the wall, and u.n = 0 by an incomplete Nitsche condition."""
+        n, k = self.domain.normal, self.numerics.wall_penalty
+        u_n, v_n = ufl.inner(u, n), ufl.inner(v, n)
+        stiff = k * (viscosity / self.domain.wall_cell + density * self.numerics.wall_speed)
+        normal_stress = ufl.inner(n, stress * n)
+        return (
+            ufl.inner(traction, self.tangential(v)) - normal_stress * v_n + stiff * u_n * v_n
+        ) * self.domain.ds_wall

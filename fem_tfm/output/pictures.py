@@ -1,0 +1,348 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Pictures of a section, of profiles and of sweeps, drawn by matplotlib without a display.
+
+Everything here takes plain arrays, so that a picture can be drawn from files as well as from a run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from matplotlib.tri import LinearTriInterpolator, Triangulation
+from numpy.typing import ArrayLike, NDArray
+
+from fem_tfm.output.files import replaced
+
+# linear triangles in each cell, nodes in VTK's order
+TRIANGLES = {
+    "triangle": ((0, 1, 2),),
+    "triangle6": ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
+    "quad": ((0, 1, 2), (0, 2, 3)),
+    "quad9": (
+        (0, 4, 8), (0, 8, 7), (4, 1, 5), (4, 5, 8), (8, 5, 2), (8, 2, 6), (7, 8, 6), (7, 6, 3),
+    ),
+}  # fmt: skip
+MIRRORS = {"none": "", "half": "x", "quarter": "xy"}
+DPI = 160
+LINE_POINTS = 201
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a quantity is drawn: symbol, unit, colour map, colour of its line, logarithmic axis."""
+
+    symbol: str
+    unit: str
+    map: str = "viridis"
+    line: str = "#333333"
+    log: bool = False
+
+    @property
+    def label(self) -> str:
+        """Axis label "symbol [unit]", or the symbol alone for a pure number."""
+        return f"{self.symbol} [{self.unit}]" if self.unit else self.symbol
+
+
+LOOKS = {
+    "alpha_s": Look(r"solids fraction $\alpha_s$", "", "cividis", "#6b4c1e"),
+    "u_s": Look(r"solids velocity $u_{s,z}$", "m/s", "viridis", "#c2571a"),
+    "u_g": Look(r"gas velocity $u_{g,z}$", "m/s", "viridis", "#1f5fa8"),
+    "Theta": Look(r"granular temperature $\Theta$", "m²/s²", "magma", "#7a2178", log=True),
+    "k": Look(r"turbulent energy $k$", "m²/s²", "magma", "#2c7a4b", log=True),
+}
+# quantities on one set of axes, with the label they share
+PANELS = (
+    (("alpha_s",), LOOKS["alpha_s"].label),
+    (("u_s", "u_g"), "axial velocity [m/s]"),
+    (("Theta", "k"), None),
+)
+MAPS = ("alpha_s", "u_s", "u_g")
+STYLE = {"labelsize": 8, "length": 3}
+
+
+@dataclass(frozen=True)
+class SectionView:
+    """A section as linear triangles.
+
+    points : node coordinates, shape (n, 2) or (n, 3) [m]
+    triangles : node numbers, shape (m, 3)
+    symmetry : "none", "half" (x >= 0 is given) or "quarter" (x >= 0 and y >= 0)
+    """
+
+    points: NDArray[np.float64]
+    triangles: NDArray[np.int64]
+    symmetry: str = "none"
+
+    @classmethod
+    def of_cells(
+        cls, points: ArrayLike, cells: ArrayLike, kind: str, symmetry: str = "none"
+    ) -> SectionView:
+        """View of cells in VTK's node order; quadratic cells are split so that all nodes count.
+
+        kind : "triangle", "triangle6", "quad" or "quad9"
+        """
+        split = np.array(TRIANGLES[kind])
+        return cls(np.asarray(points), np.asarray(cells)[:, split].reshape(-1, 3), symmetry)
+
+    @property
+    def height(self) -> float:
+        """Extent of the whole section along y [m]."""
+        y = self.points[:, 1]
+        return 2 * float(y.max()) if "y" in MIRRORS[self.symmetry] else float(np.ptp(y))
+
+    def copies(self) -> list[Triangulation]:
+        """The part given and its mirror images, which make up the whole section."""
+        mirrors = MIRRORS[self.symmetry]
+        signs = [
+            (sx, sy)
+            for sx in ((1, -1) if "x" in mirrors else (1,))
+            for sy in ((1, -1) if "y" in mirrors else (1,))
+        ]
+        x, y = self.points[:, 0], self.points[:, 1]
+        return [Triangulation(sx * x, sy * y, self.triangles) for sx, sy in signs]
+
+    def wall(self) -> NDArray[np.int64]:
+        """Edges on the boundary of the whole section: once in the part, not on a mirror plane."""
+        edges = np.sort(self.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        edges, count = np.unique(edges, axis=0, return_counts=True)
+        edges = edges[count == 1]
+        near = 1e-9 * np.ptp(self.points[:, :2])
+        for axis in MIRRORS[self.symmetry]:
+            on_plane = np.abs(self.points[edges, "xy".index(axis)]).max(axis=1) < near
+            edges = edges[~on_plane]
+        return edges
+
+
+def axial(values: ArrayLike) -> NDArray[np.float64]:
+    """The axial component of a vector field (n, 3), or a scalar field as it is."""
+    values = np.asarray(values, dtype=float)
+    return values if values.ndim == 1 else values[:, 2]
+
+
+def vertical_profile(view: SectionView, fields: Mapping[str, ArrayLike]) -> dict[str, NDArray]:
+    """Fields along the vertical diameter x = 0, from bottom to top.
+
+    Returns columns "y" [m], "y/D" [-] and one of each field (the axial component of vectors). Node
+    values are taken as they are where nodes lie on the line, as on a symmetry plane; else the
+    fields are interpolated at 201 points, linearly in the triangles.
+    """
+    x, y = view.points[:, 0], view.points[:, 1]
+    line = np.flatnonzero(np.abs(x) < 1e-9 * view.height)
+    if len(line) and np.ptp(y[line]) > 0.999 * np.ptp(y):
+        line = line[np.argsort(y[line])]
+        at, columns = y[line], {name: axial(values)[line] for name, values in fields.items()}
+    else:
+        at = np.linspace(y.min(), y.max(), LINE_POINTS)
+        mesh = Triangulation(x, y, view.triangles)
+        columns = {
+            name: LinearTriInterpolator(mesh, axial(values))(0 * at, at).filled(np.nan)
+            for name, values in fields.items()
+        }
+    columns = {"y": at, "y/D": at / view.height, **columns}
+    if "y" not in MIRRORS[view.symmetry]:
+        return columns
+    odd = {"y": -1, "y/D": -1}
+    return {
+        name: np.concatenate([odd.get(name, 1) * column[:0:-1], column])
+        for name, column in columns.items()
+    }
+
+
+def section_picture(
+    path: str | Path, view: SectionView, fields: Mapping[str, ArrayLike], title: str = ""
+) -> None:
+    """Draw alpha_s and the axial velocities over the whole section, with their profiles.
+
+    path : of the PNG, replaced in one step
+    fields : nodal values by name; "alpha_s", "u_s" and "u_g" are mapped over the section, these
+        and "Theta" and "k" are drawn along the vertical diameter; others are left out
+    """
+    maps = [name for name in MAPS if name in fields]
+    profile = vertical_profile(view, {name: fields[name] for name in LOOKS if name in fields})
+    panels = _panels(profile)
+    columns = max(len(maps), len(panels), 1)
+    figure = Figure(figsize=(3.3 * columns + 0.4, 7.2), layout="constrained")
+    upper, lower = figure.subfigures(2, 1, height_ratios=(1.15, 1.0))
+    values = {name: axial(fields[name]) for name in maps}
+    for axes, name in zip(_row(upper, len(maps)), maps, strict=True):
+        _map(axes, view, values[name], LOOKS[name], _limits(name, values))
+        axes.set_ylabel("y [mm]" if name == maps[0] else "", fontsize=9)
+    _profiles(_row(lower, len(panels)), profile, panels)
+    _save(figure, path, title)
+
+
+def profile_picture(path: str | Path, columns: Mapping[str, ArrayLike], title: str = "") -> None:
+    """Draw profiles against the height: solids fraction, axial velocities, temperatures.
+
+    columns : "y/D" [-] and any of "alpha_s", "u_s", "u_g", "Theta", "k", as `vertical_profile`
+        returns them
+    """
+    panels = _panels(columns)
+    figure = Figure(figsize=(3.1 * max(len(panels), 1) + 0.4, 3.6), layout="constrained")
+    _profiles(_row(figure, len(panels)), columns, panels)
+    _save(figure, path, title)
+
+
+def sweep_picture(
+    path: str | Path,
+    table: Mapping[str, Sequence[Any]],
+    varied: Sequence[str] | None = None,
+    units: Mapping[str, str] | None = None,
+    title: str = "",
+) -> None:
+    """Draw every quantity of a sweep against the varied parameter.
+
+    table : columns of equal length
+    varied : names of the varied columns, by default the first; the first is the abscissa, each
+        combination of the others is a line
+    units : of the columns
+    """
+    units = units or {}
+    varied = list(varied or list(table)[:1])
+    shown = [name for name in table if name not in varied and _numeric(table[name])]
+    columns = min(3, max(len(shown), 1))
+    rows = -(-max(len(shown), 1) // columns)
+    figure = Figure(figsize=(3.9 * columns, 3.0 * rows + 0.5), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes, name in zip(grid, shown, strict=False):
+        _lines(axes, table, varied, name)
+        axes.set_xlabel(_with_unit(varied[0], units), fontsize=9)
+        axes.set_ylabel(_with_unit(name, units), fontsize=9)
+    for axes in grid[len(shown) :]:
+        axes.set_axis_off()
+    if len(varied) > 1 and shown:
+        key = ", ".join(_with_unit(name, units) for name in varied[1:])
+        grid[0].legend(fontsize=7, frameon=False, title=key, title_fontsize=7)
+    _save(figure, path, title)
+
+
+def _row(figure: Any, number: int) -> NDArray[Any]:
+    return figure.subplots(1, number, squeeze=False)[0] if number else np.array([])
+
+
+def _panels(columns: Mapping[str, ArrayLike]) -> list[tuple[list[str], str]]:
+    """Names on each set of axes, and its label; sets without a name are left out."""
+    found = []
+    for names, label in PANELS:
+        present = [name for name in names if name in columns]
+        if present:
+            found.append((present, label or _shared_label(present)))
+    return found
+
+
+def _shared_label(names: Sequence[str]) -> str:
+    looks = [LOOKS[name] for name in names]
+    if len(looks) == 1:
+        return looks[0].label
+    return ", ".join(look.symbol.split()[-1] for look in looks) + f" [{looks[0].unit}]"
+
+
+def _limits(name: str, values: Mapping[str, NDArray[np.float64]]) -> tuple[float, float]:
+    """Colour limits at round numbers and with zero; velocities share one, so that slip is seen."""
+    shared = [name] if name == "alpha_s" else [other for other in values if other != "alpha_s"]
+    together = np.concatenate([[0.0], *(values[other] for other in shared)])
+    low, high = float(np.nanmin(together)), float(np.nanmax(together))
+    ticks = MaxNLocator(10, steps=[1, 2, 5, 10]).tick_values(low, high if high > low else low + 1)
+    return float(ticks[0]), float(ticks[-1])
+
+
+def _map(
+    axes: Axes,
+    view: SectionView,
+    values: NDArray[np.float64],
+    look: Look,
+    limits: tuple[float, float],
+) -> None:
+    low, high = limits
+    levels = MaxNLocator(5).tick_values(low, high)
+    levels = levels[(levels > np.nanmin(values)) & (levels < np.nanmax(values))]
+    wall = view.wall()
+    for copy in view.copies():
+        copy.x, copy.y = 1e3 * copy.x, 1e3 * copy.y
+        image = axes.tripcolor(
+            copy, values, shading="gouraud", cmap=look.map, vmin=low, vmax=high, rasterized=True
+        )
+        if len(levels) and np.isfinite(values).all():
+            axes.tricontour(copy, values, levels, colors="white", linewidths=0.5, alpha=0.6)
+        ends = np.stack([copy.x[wall], copy.y[wall]], axis=-1)
+        axes.add_collection(LineCollection(ends, colors="#222222", linewidths=1.0))
+    # contours set limits that would cut the line of the wall in half
+    axes.use_sticky_edges = False
+    axes.margins(0.02)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x [mm]", fontsize=9)
+    axes.tick_params(labelsize=STYLE["labelsize"], length=0)
+    axes.spines[:].set_visible(False)
+    bar = axes.figure.colorbar(image, ax=axes, location="top", shrink=0.85, aspect=22, pad=0.03)
+    bar.set_label(look.label, fontsize=10)
+    bar.ax.tick_params(**STYLE)
+    bar.outline.set_visible(False)
+    bar.locator = MaxNLocator(5)
+    bar.update_ticks()
+
+
+def _profiles(
+    row: NDArray[Any], columns: Mapping[str, ArrayLike], panels: Sequence[tuple[list[str], str]]
+) -> None:
+    height = np.asarray(columns["y/D"])
+    for i, (axes, (names, label)) in enumerate(zip(row, panels, strict=True)):
+        for name in names:
+            look = LOOKS[name]
+            symbol = look.symbol.split()[-1]
+            axes.plot(axial(columns[name]), height, color=look.line, linewidth=1.6, label=symbol)
+        log = all(LOOKS[name].log and np.nanmin(columns[name]) > 0 for name in names)
+        if log:
+            axes.set_xscale("log")
+        else:
+            axes.set_xlim(left=min(0.0, axes.get_xlim()[0]))
+        axes.set_ylim(height.min(), height.max())
+        axes.set_xlabel(label, fontsize=10)
+        axes.set_ylabel("y/D" if i == 0 else "", fontsize=10)
+        axes.grid(color="#dddddd", linewidth=0.6)
+        axes.tick_params(**STYLE)
+        axes.spines[["top", "right"]].set_visible(False)
+        if len(names) > 1:
+            axes.legend(fontsize=9, frameon=False)
+
+
+def _numeric(column: Sequence[Any]) -> bool:
+    return np.asarray(column).dtype.kind in "iuf"
+
+
+def _with_unit(name: str, units: Mapping[str, str]) -> str:
+    words = name.replace("_", " ")
+    return f"{words} [{units[name]}]" if units.get(name) else words
+
+
+def _lines(axes: Axes, table: Mapping[str, Sequence[Any]], varied: list[str], name: str) -> None:
+    """One line for each combination of the other varied values; only markers for names."""
+    x, y = np.asarray(table[varied[0]]), np.asarray(table[name], dtype=float)
+    others = [[str(v) for v in table[other]] for other in varied[1:]]
+    groups = [", ".join(parts) for parts in zip(*others, strict=True)] or [""] * len(y)
+    for group in dict.fromkeys(groups):
+        rows = np.flatnonzero(np.array(groups) == group)
+        if _numeric(x):
+            rows = rows[np.argsort(x[rows], kind="stable")]
+        style = "o-" if _numeric(x) else "o"
+        axes.plot(x[rows], y[rows], style, markersize=5, linewidth=1.4, label=group)
+    if not _numeric(x):
+        axes.margins(x=0.15)
+        axes.tick_params(axis="x", rotation=20 if max(map(len, map(str, x))) > 8 else 0)
+    axes.grid(color="#dddddd", linewidth=0.6)
+    axes.tick_params(**STYLE)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _save(figure: Figure, path: str | Path, title: str) -> None:
+    if title:
+        figure.suptitle(title, fontsize=12)
+    with replaced(path) as temporary:
+        figure.savefig(temporary, dpi=DPI, format="png")

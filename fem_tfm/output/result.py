@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The result of a run: numbers with their errors and references, and what they cost."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import math
+import os
+import platform
+import resource
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from fem_tfm.output.files import write_text
+
+STATUSES = ("converged", "finished", "failed", "interrupted")
+SOLUTIONS = ("developed", "developing", "unsteady")
+FILE = "result.json"
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A published or measured value of a quantity, in the quantity's unit, and where it is from."""
+
+    value: float
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One number of a result.
+
+    value, unit : the number and its SI unit
+    error_estimate : estimated discretisation error in the same unit, None if unknown
+    reference, source : the first reference, None if there is none
+    references : all references; give either these or `reference` and `source`
+    """
+
+    value: float
+    unit: str
+    error_estimate: float | None = None
+    reference: float | None = None
+    source: str | None = None
+    references: tuple[Reference, ...] = ()
+
+    def __post_init__(self) -> None:
+        given = [r if isinstance(r, Reference) else Reference(**r) for r in self.references]
+        if not given and self.reference is not None:
+            given = [Reference(self.reference, self.source or "")]
+        object.__setattr__(self, "references", tuple(given))
+        if given:
+            object.__setattr__(self, "reference", given[0].value)
+            object.__setattr__(self, "source", given[0].source)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Keys as in result.json; "references" only where there are several."""
+        names = ("value", "unit", "error_estimate", "reference", "source")
+        entry: dict[str, Any] = {name: getattr(self, name) for name in names}
+        if len(self.references) > 1:
+            entry["references"] = [{"value": r.value, "source": r.source} for r in self.references]
+        return entry
+
+
+@dataclass
+class Result:
+    """What a run found, and what it cost.
+
+    Parameters
+    ----------
+    status : "converged", "finished", "failed" or "interrupted"; a failed result carries no
+        quantities and no balances, whatever it is given
+    flow, solution : kind of scene, and "developed", "developing" or "unsteady"
+    title : of the case
+    cells, dofs, ranks : size of the finest problem and number of processes
+    seconds : wall time by stage ("setup", "compile", "solve", "output") [s]
+    cpu_seconds : CPU time summed over ranks [s]
+    peak_memory_mb : largest resident memory summed over ranks [MB]
+    quantities : by name; ``result["pressure_gradient"]`` is the value
+    balances : relative error of each balance [-]
+    skipped : what the scene did not need, and why
+    inferred : inputs that the source does not print
+    versions : of the programs used
+    reason : why it failed or stopped
+    directory : where its files are; not written
+    sections : arrays for scripts, such as profiles by name; not written
+
+    Raises
+    ------
+    ValueError
+        for a status or solution that does not exist.
+    """
+
+    status: str
+    flow: str
+    solution: str
+    title: str = ""
+    cells: int = 0
+    dofs: int = 0
+    ranks: int = 1
+    seconds: dict[str, float] = field(default_factory=dict)
+    cpu_seconds: float = math.nan
+    peak_memory_mb: float = math.nan
+    quantities: dict[str, Quantity] = field(default_factory=dict)
+    balances: dict[str, float] = field(default_factory=dict)
+    skipped: list[str] = field(default_factory=list)
+    inferred: list[str] = field(default_factory=list)
+    versions: dict[str, str] = field(default_factory=dict)
+    reason: str = ""
+    directory: Path | None = None
+    sections: dict[str, Any] = field(default_factory=dict, repr=False)
+
+    def __post_init__(self) -> None:
+        for name, allowed in (("status", STATUSES), ("solution", SOLUTIONS)):
+            if getattr(self, name) not in allowed:
+                raise ValueError(f"{name} {getattr(self, name)!r} is none of {', '.join(allowed)}")
+        if self.status == "failed":
+            self.quantities, self.balances = {}, {}
+
+    def __getitem__(self, name: str) -> float:
+        """Value of a quantity [its SI unit]; KeyError names the nearest ones."""
+        if name not in self.quantities:
+            raise KeyError(self._absent(name))
+        return self.quantities[name].value
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.quantities
+
+    def _absent(self, name: str) -> str:
+        if not self.quantities:
+            why = f": {self.reason}" if self.reason else ""
+            return f"no quantity {name!r}, for the run {self.status} without any{why}"
+        near = difflib.get_close_matches(name, self.quantities, n=3, cutoff=0.4)
+        there_are = ", ".join(self.quantities)
+        hint = f"did you mean {', '.join(near)}?" if near else f"there are {there_are}"
+        return f"no quantity {name!r}; {hint}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain content of result.json: strict JSON types, null for what is not finite."""
+        hidden = ("quantities", "directory", "sections")
+        content = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in hidden}
+        content["quantities"] = {name: q.as_dict() for name, q in self.quantities.items()}
+        return _strict(content)
+
+    def write(self, directory: str | Path) -> Path:
+        """Write `directory`/result.json in one atomic step (on rank 0 only) and return its path."""
+        path = Path(directory) / FILE
+        write_text(path, json.dumps(self.as_dict(), indent=2, allow_nan=False) + "\n")
+        self.directory = Path(directory)
+        return path
+
+    @classmethod
+    def read(cls, path: str | Path) -> Result:
+        """Read a result from its directory or file; numbers that were not finite become nan."""
+        path = Path(path)
+        path = path / FILE if path.is_dir() else path
+        content = json.loads(path.read_text(encoding="utf-8"))
+        known = {f.name for f in fields(cls)}
+        content = {key: value for key, value in content.items() if key in known}
+        content["quantities"] = {
+            name: Quantity(**{**entry, "value": _number(entry["value"])})
+            for name, entry in content["quantities"].items()
+        }
+        for table in ("balances", "seconds"):
+            content[table] = {name: _number(value) for name, value in content[table].items()}
+        for name in ("cpu_seconds", "peak_memory_mb"):
+            content[name] = _number(content[name])
+        return cls(**content, directory=path.parent)
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else value
+
+
+def _strict(value: Any) -> Any:
+    """Plain JSON types: numpy numbers become Python's, and what is not finite becomes None."""
+    if isinstance(value, Mapping):
+        return {str(key): _strict(entry) for key, entry in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_strict(entry) for entry in value]
+    if hasattr(value, "item"):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def versions() -> dict[str, str]:
+    """Versions of what this process has loaded, from Python to PETSc and MPI."""
+    found = {"python": platform.python_version()}
+    for name in ("fem_tfm", "dolfinx", "basix", "ffcx", "ufl", "gmsh", "numpy"):
+        version = getattr(sys.modules.get(name), "__version__", None)
+        if version:
+            found[name] = str(version)
+    if petsc := sys.modules.get("petsc4py.PETSc"):
+        found["petsc"] = ".".join(map(str, petsc.Sys.getVersion()))
+    if mpi := sys.modules.get("mpi4py.MPI"):
+        found["mpi"] = " ".join(mpi.Get_library_version().split("\n")[0].split()).strip("\0")
+    return found
+
+
+def peak_memory_mb(comm: Any = None) -> float:
+    """Largest resident memory so far [MB], summed over the ranks of `comm` (collective)."""
+    # the kernel counts in kilobytes, macOS in bytes
+    unit = 1.0 if sys.platform == "darwin" else 1024.0
+    own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+    return own if comm is None else comm.allreduce(own)
+
+
+def cpu_seconds(comm: Any = None) -> float:
+    """CPU time so far [s] with that of ended children (the form compiler's), summed over ranks."""
+    used = os.times()
+    own = used.user + used.system + used.children_user + used.children_system
+    return own if comm is None else comm.allreduce(own)

@@ -1,0 +1,309 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Newton's method for a monolithic system bordered by scalar constraints.
+
+Solves F(W, m) = 0 with c_k(W) = 0, where the multipliers m_k enter F linearly::
+
+    [ J  B ] [dW]     [F]
+    [ C  0 ] [dm] = - [c]        B_k = dF/dm_k,  C_k = dc_k/dW
+
+by block elimination: one factorisation of J, one solve per multiplier and one for F. It knows
+forms, spaces and numbers, and no physics.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
+from petsc4py import PETSc
+
+_COUNTER = iter(range(1 << 30))
+REFINEMENTS = 1
+# step lengths below this are a failure; corrections of this size are noise
+SHORTEST, ROUND_OFF = 0.01, 1e-8
+
+
+@dataclass(frozen=True)
+class Border:
+    """A scalar unknown and the scalar equation that determines it.
+
+    multiplier : the unknown, a Constant that enters the residual linearly
+    column : linear form dF/dm
+    constraint : rank-0 form whose assembled value must equal `target`
+    row : linear form, the derivative of the constraint
+    target : value of the constraint (a Constant or float)
+    """
+
+    multiplier: fem.Constant
+    column: fem.Form
+    constraint: fem.Form
+    row: fem.Form
+    target: fem.Constant
+
+
+@dataclass(frozen=True)
+class Block:
+    """A group of unknowns measured and limited together.
+
+    dofs : owned local indices
+    scale : typical size, so that update/scale is relative
+    limit : largest change of one unknown in one step (for logarithms), or None
+    """
+
+    name: str
+    dofs: np.ndarray
+    scale: float
+    limit: float | None = None
+
+
+@dataclass(frozen=True)
+class Update:
+    """One Newton step.
+
+    blocks : relative rms of the full correction of each block
+    rest : size of the correction that remained after the step
+    length : share of the correction that was taken
+    """
+
+    blocks: dict[str, float]
+    rest: float
+    length: float
+
+    @property
+    def size(self) -> float:
+        """Largest relative correction."""
+        return max(self.blocks.values())
+
+
+class LinearSolveError(ArithmeticError):
+    """The factorisation or a solve failed, or gave numbers that are not finite."""
+
+
+class DirectSolver:
+    """MUMPS factorisation of one matrix, reused for any number of right-hand sides."""
+
+    def __init__(self, matrix: PETSc.Mat) -> None:
+        self.ksp = PETSc.KSP().create(matrix.comm)
+        self.ksp.setOptionsPrefix(f"fem_tfm_direct_{next(_COUNTER)}_")
+        self.ksp.setType("preonly")
+        self.ksp.setOperators(matrix)
+        pc = self.ksp.getPC()
+        pc.setType("lu")
+        pc.setFactorSolverType("mumps")
+        factor_options = {"mat_mumps_icntl_14": 60}
+        options = PETSc.Options()
+        for key, value in factor_options.items():
+            options.setValue(self.ksp.getOptionsPrefix() + key, value)
+        self.ksp.setFromOptions()
+        for key in factor_options:
+            options.delValue(self.ksp.getOptionsPrefix() + key)
+
+    def refactor(self, matrix: PETSc.Mat) -> None:
+        """Factorise new values of the matrix."""
+        self.ksp.setOperators(matrix)
+        try:
+            self.ksp.setUp()
+        except PETSc.Error as error:
+            raise LinearSolveError("factorisation failed") from error
+
+    def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec) -> None:
+        """Solve with the last factorisation."""
+        self.ksp.solve(rhs, solution)
+        if self.ksp.getConvergedReason() < 0 or not math.isfinite(solution.norm()):
+            raise LinearSolveError("linear solve failed")
+
+    def destroy(self) -> None:
+        """Free the factors."""
+        self.ksp.destroy()
+
+
+class BorderedNewton:
+    """Owns the matrix, the vectors and the factorisation of one bordered nonlinear system.
+
+    Parameters
+    ----------
+    residual, jacobian : compiled forms F and dF/dW
+    unknowns : the Function W, changed in place
+    bcs : Dirichlet conditions that W fulfils already
+    borders : scalar constraints with their multipliers
+    blocks : groups of unknowns for norms and limits
+    """
+
+    def __init__(
+        self,
+        residual: fem.Form,
+        jacobian: fem.Form,
+        unknowns: fem.Function,
+        bcs: Sequence[fem.DirichletBC],
+        borders: Sequence[Border],
+        blocks: Sequence[Block],
+    ) -> None:
+        self.residual = residual
+        self.jacobian = jacobian
+        self.unknowns = unknowns
+        self.bcs = list(bcs)
+        self.borders = list(borders)
+        self.blocks = list(blocks)
+        self.comm = unknowns.function_space.mesh.comm
+        self.matrix = fem_petsc.create_matrix(jacobian)
+        self.rhs = fem_petsc.create_vector(unknowns.function_space)
+        self.work = self.rhs.duplicate()
+        self.step_vector = self.rhs.duplicate()
+        self.correction = self.rhs.duplicate()
+        self.columns = [self.rhs.duplicate() for _ in borders]
+        self.rows = [self.rhs.duplicate() for _ in borders]
+        self.solved = [self.rhs.duplicate() for _ in borders]
+        self.solver = DirectSolver(self.matrix)
+        self.factorisations = 0
+
+    def destroy(self) -> None:
+        """Free every PETSc object."""
+        self.solver.destroy()
+        vectors = (self.rhs, self.work, self.step_vector, self.correction)
+        for obj in (self.matrix, *vectors, *self.columns, *self.rows, *self.solved):
+            obj.destroy()
+
+    def _assemble(self, form: fem.Form, vector: PETSc.Vec) -> None:
+        with vector.localForm() as local:
+            local.set(0)
+        fem_petsc.assemble_vector(vector, form)
+        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        for bc in self.bcs:
+            bc.set(vector.array_w, alpha=0.0)
+
+    def _constraint(self, border: Border) -> float:
+        value = fem.assemble_scalar(border.constraint)
+        return self.comm.allreduce(value, op=MPI.SUM) - float(border.target.value)
+
+    def assemble_residual(self) -> np.ndarray:
+        """Owned part of F at the current unknowns, zero on Dirichlet rows."""
+        self._assemble(self.residual, self.rhs)
+        return self.rhs.array_r
+
+    def constraint_errors(self) -> list[float]:
+        """c_k(W) - target of each border."""
+        return [self._constraint(border) for border in self.borders]
+
+    def step(self) -> Update:
+        """One Newton step on unknowns and multipliers, with one factorisation.
+
+        The step d is shortened until the simplified correction s = -J^-1 F(x + k d) is smaller than
+        d (natural monotonicity, which does not depend on the scaling of the equations); a full
+        step is followed by s itself.
+
+        Raises
+        ------
+        LinearSolveError
+            when the matrix is singular, a value is not finite, or no step length will do.
+        """
+        self._factor()
+        start = self._position()
+        change = self._correction()
+        size = self._sizes(change)
+        length = min(1.0, self._longest(change))
+        while True:
+            self._move(start, change, length)
+            try:
+                follow = self._correction()
+                rest = self._sizes(follow)
+            except LinearSolveError:
+                rest = {"": math.inf}
+            if max(rest.values()) <= (1 - length / 4) * max(size.values()) + ROUND_OFF:
+                break
+            length /= 2
+            if length < SHORTEST:
+                self._move(start, change, 0.0)
+                raise LinearSolveError("no step length brings Newton closer to a solution")
+        if length == 1.0:
+            self._move(self._position(), follow, min(1.0, self._longest(follow)))
+        return Update(size, max(rest.values()), length)
+
+    def _factor(self) -> None:
+        self.matrix.zeroEntries()
+        fem_petsc.assemble_matrix(self.matrix, self.jacobian, bcs=self.bcs)
+        self.matrix.assemble()
+        self.solver.refactor(self.matrix)
+        self.factorisations += 1
+        for border, column, row, solved in zip(
+            self.borders, self.columns, self.rows, self.solved, strict=True
+        ):
+            self._assemble(border.column, column)
+            self._assemble(border.row, row)
+            self.solver.solve(column, solved)
+
+    def _position(self) -> tuple[np.ndarray, np.ndarray]:
+        owned = self.unknowns.x.array[: self.rhs.local_size].copy()
+        return owned, np.array([float(b.multiplier.value) for b in self.borders])
+
+    def _move(
+        self, start: tuple[np.ndarray, np.ndarray], change: tuple[np.ndarray, np.ndarray], k: float
+    ) -> None:
+        """Go to start + k change."""
+        self.unknowns.x.array[: start[0].size] = start[0] + k * change[0]
+        self.unknowns.x.scatter_forward()
+        for border, value, delta in zip(self.borders, start[1], change[1], strict=True):
+            border.multiplier.value = value + k * delta
+
+    def _correction(self) -> tuple[np.ndarray, np.ndarray]:
+        """Newton correction at the present position with the last factorisation.
+
+        Block elimination with one refinement. J alone is nearly singular when only a constraint
+        fixes a mode (the total mass at a large dt); refining against the bordered residual restores
+        the digits that elimination loses there.
+        """
+        self.assemble_residual()
+        if not math.isfinite(self.rhs.norm()):
+            raise LinearSolveError("the residual is not finite")
+        wanted = -np.array(self.constraint_errors())
+        step, changes = self.step_vector, np.zeros(len(self.borders))
+        step.set(0)
+        for _ in range(REFINEMENTS + 1):
+            self.matrix.mult(step, self.work)
+            self.work.axpy(1, self.rhs)
+            self.work.scale(-1)
+            for change, column in zip(changes, self.columns, strict=True):
+                self.work.axpy(-change, column)
+            missing = wanted - np.array([row.dot(step) for row in self.rows])
+            changes += self._eliminate(missing)
+        return step.array_r.copy(), changes
+
+    def _eliminate(self, wanted: np.ndarray) -> np.ndarray:
+        """Add the solution for right-hand sides `work` and `wanted` to `step_vector`."""
+        self.solver.solve(self.work, self.correction)
+        schur = np.array([[row.dot(column) for column in self.solved] for row in self.rows])
+        rhs = np.array([row.dot(self.correction) for row in self.rows]) - wanted
+        self.step_vector.axpy(1, self.correction)
+        if not self.borders:
+            return rhs
+        try:
+            changes = np.linalg.solve(schur, rhs)
+        except np.linalg.LinAlgError as error:
+            raise LinearSolveError("the constraints are dependent") from error
+        for change, column in zip(changes, self.solved, strict=True):
+            self.step_vector.axpy(-change, column)
+        return changes
+
+    def _sizes(self, change: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
+        """Relative rms of each block of a correction."""
+        sizes = {b.name: self._rms(change[0][b.dofs]) / b.scale for b in self.blocks}
+        if not all(map(math.isfinite, sizes.values())):
+            raise LinearSolveError("the Newton step is not finite")
+        return sizes
+
+    def _longest(self, change: tuple[np.ndarray, np.ndarray]) -> float:
+        """Share of a correction that keeps every limited block within its limit."""
+        share = math.inf
+        for block in self.blocks:
+            if block.limit is not None:
+                peak = self.comm.allreduce(np.abs(change[0][block.dofs]).max(initial=0.0), MPI.MAX)
+                share = min(share, block.limit / max(peak, 1e-300))
+        return share
+
+    def _rms(self, values: np.ndarray) -> float:
+        total = self.comm.allreduce(np.array([np.dot(values, values), values.size]))
+        return math.sqrt(total[0] / max(total[1], 1.0))

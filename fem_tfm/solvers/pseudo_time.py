@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Pseudo-time continuation of a nonlinear system to its steady state.
+
+Implicit Euler steps with a growing dt carry any start to the neighbourhood of the steady state;
+there dt is so large that the steps are Newton's on the steady equations. A step that fails is taken
+back and repeated with a smaller dt. The object decides on steps alone: it knows no equation.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from dolfinx import fem
+
+from fem_tfm.errors import SolverError
+from fem_tfm.solvers.newton import BorderedNewton, LinearSolveError
+
+# a steady state may still move by this many tolerances in a step of the largest dt
+STEP_ALLOWANCE = 1e4
+
+
+@dataclass(frozen=True)
+class StepControl:
+    """How dt moves.
+
+    first, largest, smallest : pseudo-time steps [s]
+    growth : factor after an easy step
+    cut : factor after a failed one
+    easy, hard : Newton iterations at or below which dt grows, above which it shrinks
+    loose : relative update at which a transient step counts as solved
+    tolerance : relative update at which the steady state counts as reached
+    max_steps : steps before giving up
+    """
+
+    first: float
+    largest: float
+    smallest: float
+    growth: float = 1.8
+    cut: float = 0.3
+    easy: int = 4
+    hard: int = 5
+    loose: float = 0.6
+    tolerance: float = 1e-9
+    max_steps: int = 200
+    max_iterations: int = 9
+
+
+@dataclass
+class History:
+    """What a continuation did: one row a step (dt, iterations, update, residual)."""
+
+    rows: list[dict[str, float]] = field(default_factory=list)
+    rejected: int = 0
+    update: float = math.inf
+    reason: str = ""
+
+
+class PseudoTime:
+    """Drives a BorderedNewton to steady state.
+
+    Parameters
+    ----------
+    newton : the system, whose residual contains `idt` times the change since `old`
+    old : Function that holds the unknowns of the last accepted step
+    idt : Constant 1/dt [1/s]
+    control : step control
+    observe : called after each accepted step with the newest row; may raise to stop
+    """
+
+    def __init__(
+        self,
+        newton: BorderedNewton,
+        old: fem.Function,
+        idt: fem.Constant,
+        control: StepControl,
+        observe: Callable[[dict[str, float]], None] | None = None,
+    ) -> None:
+        self.newton = newton
+        self.old = old
+        self.idt = idt
+        self.control = control
+        self.observe = observe or (lambda row: None)
+
+    def run(self, first: float | None = None) -> History:
+        """March to the steady state.
+
+        Raises
+        ------
+        SolverError
+            when dt falls below its minimum or the steps are used up; the last accepted state is
+            kept.
+        """
+        control, history = self.control, History()
+        dt = min(first or control.first, control.largest)
+        for _ in range(control.max_steps):
+            dt = self._accepted_step(dt, history)
+            row = history.rows[-1]
+            self.observe(row)
+            if self._settled(row):
+                return history
+            dt = min(dt * self._growth(row), control.largest)
+        raise SolverError(
+            f"not steady after {control.max_steps} pseudo-time steps "
+            f"(relative update {history.update:.1e}, wanted {control.tolerance:.0e})"
+        )
+
+    def _settled(self, row: dict[str, float]) -> bool:
+        """Whether nothing moves: what remains is below tolerance, and the step was small too.
+
+        The step counts because dt is finite: it leaves an error of its size over dt.
+        """
+        tolerance, quick = self.control.tolerance, row["iterations"] == 1
+        steady = row["dt"] >= self.control.largest and row["change"] <= STEP_ALLOWANCE * tolerance
+        return quick and steady and row["update"] <= tolerance
+
+    def _growth(self, row: dict[str, float]) -> float:
+        """Factor on dt: by effort far from the steady state, by the update close to it."""
+        control = self.control
+        if row["iterations"] == 1:
+            return min(max(control.growth, control.loose / max(row["update"], 1e-12)), 1e3)
+        if row["iterations"] <= control.easy:
+            return control.growth
+        return 1.0 if row["iterations"] <= control.hard else 0.7
+
+    def _accepted_step(self, dt: float, history: History) -> float:
+        """Repeat a step with smaller dt until it succeeds; returns the dt that worked."""
+        control = self.control
+        while True:
+            try:
+                row = self._step(dt)
+                break
+            except LinearSolveError as error:
+                history.rejected += 1
+                history.reason = str(error)
+                self._restore()
+                # far above the first step the failure says little: go half-way back (in decades)
+                dt = min(dt * control.cut, math.sqrt(dt * control.first))
+                if dt < control.smallest:
+                    raise SolverError(
+                        f"pseudo-time step fell below {control.smallest:.1e} s ({error})"
+                    ) from error
+        history.update = row["update"]
+        history.rows.append({"dt": dt, **row})
+        return dt
+
+    def _step(self, dt: float) -> dict[str, float]:
+        control, x = self.control, self.newton.unknowns.x.array
+        self.old.x.array[:] = x
+        self._multipliers = [float(b.multiplier.value) for b in self.newton.borders]
+        self.idt.value = 1.0 / dt
+        for iteration in range(1, control.max_iterations + 1):
+            update = self.newton.step()
+            if update.length == 1.0 and update.rest <= control.loose:
+                return {"iterations": iteration, "update": update.rest, "change": update.size}
+        raise LinearSolveError(f"no convergence in {control.max_iterations} Newton iterations")
+
+    def _restore(self) -> None:
+        self.newton.unknowns.x.array[:] = self.old.x.array
+        for border, value in zip(self.newton.borders, self._multipliers, strict=True):
+            border.multiplier.value = value

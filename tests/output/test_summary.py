@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The summary fits a screen and says what was solved, how well, and against what."""
+
+from __future__ import annotations
+
+import io
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from fem_tfm.output.result import Quantity, Reference, Result
+from fem_tfm.output.summary import difference, number, print_summary
+
+NAMES = (
+    "pressure_gradient", "solids_mass_flow", "gas_mass_flow", "holdup", "max_solids_fraction",
+    "bed_fraction", "slip_velocity",
+)  # fmt: skip
+
+
+def printed(terminal: bool = False, **changes: Any) -> str:
+    """Summary of a long result."""
+    references = (Reference(4090.0, "Ding 2024, mesh D"), Reference(4260.0, "experiment " * 6))
+    content: dict[str, Any] = {
+        "status": "converged",
+        "flow": "dense",
+        "solution": "developed",
+        "title": "Ding 2024, case 3 [b]",
+        "cells": 1632,
+        "quantities": {name: Quantity(0.123456, "kg/s", 1.2e-3) for name in NAMES}
+        | {"pressure_drop": Quantity(4012.0, "Pa", 12.0, references=references)},
+        "seconds": {"setup": 0.2, "solve": 2.05},
+        "balances": {"solids_mass": 1.2e-13},
+        "skipped": [f"part {i}: " + "a long reason " * 6 for i in range(9)],
+        "inferred": [f"input {i}" for i in range(9)],
+        "directory": Path("results") / "a-very-long-directory-name" / ("x" * 60),
+    }
+    out = io.StringIO()
+    console = Console(file=out, width=120, force_terminal=terminal, highlight=False)
+    print_summary(Result(**(content | changes)), console)
+    return out.getvalue()
+
+
+def test_summary_fits_a_screen() -> None:
+    lines = printed().splitlines()
+    assert len(lines) <= 40
+    directory = [line for line in lines if line.startswith("files")]
+    assert len(directory) == 1
+    assert directory[0].endswith("x" * 60)
+    assert max(len(line) for line in lines if line not in directory) <= 80
+
+
+def test_summary_is_plain_in_a_file_and_coloured_on_a_terminal() -> None:
+    assert "\x1b" not in printed()
+    assert "\x1b" in printed(terminal=True)
+
+
+def test_quantities_stand_beside_their_references() -> None:
+    lines = [line.split() for line in printed().splitlines()]
+    assert ["pressure_drop", "4012", "12", "Pa"] in lines
+    assert ["Ding", "2024,", "mesh", "D", "4090", "Pa", "-1.9", "%"] in lines
+    assert any(line[-4:] == ["4260", "Pa", "-5.8", "%"] for line in lines)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["Ding 2024, case 3 [b]", "converged: dense flow, developed", "1 632 cells",
+     "solids mass 1.2e-13", "and 6 more, in result.json", "input 2", "setup 0.2 s, solve 2.0 s"],
+)  # fmt: skip
+def test_summary_says(text: str) -> None:
+    assert text in printed()
+
+
+def test_failure_says_why_and_shows_no_numbers() -> None:
+    text = printed(status="failed", reason="no steady state after 200 steps [/]")
+    assert "no steady state after 200 steps [/]" in text
+    assert "pressure_drop" not in text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0, "0"), (1672.31, "1672"), (0.24512, "0.2451"), (-3.2, "-3.200"), (12345678.0, "1.235e+07"),
+     (1.2345e-5, "1.234e-05"), (2e-4, "0.0002000"), (None, "-"), (math.nan, "-")],
+)  # fmt: skip
+def test_number(value: float | None, text: str) -> None:
+    assert number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "reference", "text"),
+    [(102.0, 100.0, "+2.0 %"), (98.0, 100.0, "-2.0 %"), (1.0, 0.0, "-"), (math.nan, 1.0, "-")],
+)
+def test_difference(value: float, reference: float, text: str) -> None:
+    assert difference(value, reference) == text

@@ -1,0 +1,486 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The case: defaults, derived values, and a sentence for everything that can be wrong."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fem_tfm.case import (
+    Case,
+    Table,
+    known_keys,
+    parse_override,
+    parse_value,
+    results_directory,
+)
+from fem_tfm.closures import make, names
+from fem_tfm.errors import InputError
+
+AREA = math.pi / 4 * 0.01**2
+
+
+def changed(dense: dict[str, Any], **changes: Any) -> Case:
+    """The short case with dotted keys changed (double underscore for the dot)."""
+    return Case.from_dict(dense).with_values({k.replace("__", "."): v for k, v in changes.items()})
+
+
+# --- what a good case gives -----------------------------------------------------------------------
+
+
+def test_defaults(dense: dict[str, Any]) -> None:
+    case = Case.from_dict(dense)
+    assert (case.flow, case.solution, case.geometry.shape) == ("dense", "auto", "pipe")
+    assert (case.solids.packing_limit, case.solids.friction_limit) == (0.63, 0.4)
+    assert case.closures.drag == make("drag", "three-zone")
+    assert case.walls.solids == make("solids-wall", "schneiderbauer")
+    assert case.wall_distance == pytest.approx(1e-4)
+    assert case.inferred == ()
+
+
+def test_demo_loads_and_lists_what_is_inferred(root: Path) -> None:
+    case = Case.load(root / "demos/dense_pipe/case3.toml")
+    assert case.solids_feed == ("holdup", 0.245)
+    assert case.geometry.length == 2.4
+    assert {r.value for r in case.reference if r.quantity == "pressure_drop"} == {4260.0, 4090.0}
+    keys = [text.partition(":")[0] for text in case.inferred]
+    assert "geometry.diameter" in keys
+    assert all(key in known_keys() or key.startswith("closures.") for key in keys)
+
+
+def test_whole_numbers_are_numbers(dense: dict[str, Any]) -> None:
+    assert changed(dense, solids__density=1700).solids.density == 1700.0
+
+
+def test_numpy_numbers_are_numbers(dense: dict[str, Any]) -> None:
+    case = changed(dense, solids__diameter=np.float64(2e-4), numerics__level=np.int64(2))
+    assert (case.solids.diameter, case.numerics.level) == (2e-4, 2)
+
+
+@pytest.mark.parametrize(
+    ("feed", "expected"),
+    [
+        ({"solids_fraction": 0.245}, ("holdup", 0.245)),
+        ({"solids_fraction": 0.245, "solids_velocity": 6.09}, ("flux", 0.245 * 6.09)),
+        ({"solids_superficial_velocity": 1.4}, ("flux", 1.4)),
+        ({"solids_mass_flow": 0.194}, ("flux", 0.194 / (1700 * AREA))),
+    ],
+)
+def test_feeds(dense: dict[str, Any], feed: dict[str, float], expected: tuple[str, float]) -> None:
+    dense["operation"] = {"gas_superficial_velocity": 6.43, **feed}
+    kind, value = Case.from_dict(dense).solids_feed
+    assert (kind, value) == (expected[0], pytest.approx(expected[1]))
+
+
+def test_gas_alone(dense: dict[str, Any]) -> None:
+    case = changed(dense, solids=None, operation__solids_fraction=None)
+    assert case.solids is None
+    assert case.solids_feed is None
+    assert case.solids_material is None
+
+
+def test_materials_reach_the_closures(dense: dict[str, Any]) -> None:
+    case = changed(dense, solids__friction_angle_deg=30.0)
+    assert case.solids_material.friction_angle == pytest.approx(math.pi / 6)
+    assert case.solids_material.packing_limit == 0.63
+    assert (case.gas_material.density, case.gas_material.viscosity) == (33.5, 1.8e-5)
+
+
+def test_ideal_gas_by_name(dense: dict[str, Any]) -> None:
+    dense["gas"] = {"species": "N2", "pressure": 2.92e6}
+    gas = Case.from_dict(dense).gas_material
+    assert gas.density == pytest.approx(2.92e6 / (296.8 * 293), rel=1e-4)
+    assert gas.viscosity == pytest.approx(1.757e-5, rel=2e-3)
+
+
+def test_ideal_gas_by_constant(dense: dict[str, Any]) -> None:
+    dense["gas"] = {
+        "gas_constant": 300.0,
+        "pressure": 3e5,
+        "temperature": 500.0,
+        "viscosity": 2e-5,
+    }
+    gas = Case.from_dict(dense).gas_material
+    assert (gas.density, gas.viscosity) == (pytest.approx(2.0), 2e-5)
+
+
+@pytest.mark.parametrize(
+    ("angle", "expected"),
+    [(0.0, (0, -9.81, 0)), (90.0, (0, 0, -9.81)), (-90.0, (0, 0, 9.81)), (30.0, None)],
+)
+def test_gravity_turns_with_the_pipe(
+    dense: dict[str, Any], angle: float, expected: tuple[float, ...] | None
+) -> None:
+    vector = changed(dense, geometry__inclination_deg=angle).gravity_vector
+    expected = expected or (0, -9.81 * math.sqrt(3) / 2, -9.81 / 2)
+    assert vector == pytest.approx(expected, abs=1e-12)
+
+
+def test_sections(dense: dict[str, Any]) -> None:
+    pipe = Case.from_dict(dense).geometry
+    assert (pipe.area, pipe.hydraulic_diameter) == (pytest.approx(AREA), pytest.approx(0.01))
+    dense["geometry"] = {"shape": "duct", "width": 0.02, "height": 0.01}
+    duct = Case.from_dict(dense).geometry
+    assert (duct.area, duct.hydraulic_diameter) == (pytest.approx(2e-4), pytest.approx(0.04 / 3))
+    dense["geometry"] = {"shape": "duct", "width": 0.02}
+    assert Case.from_dict(dense).geometry.hydraulic_diameter == pytest.approx(0.02)
+
+
+def test_a_case_cannot_be_changed(dense: dict[str, Any]) -> None:
+    case = Case.from_dict(dense)
+    with pytest.raises(ValueError, match="frozen"):
+        case.solids.diameter = 1.0
+
+
+def test_the_given_tables_stay_as_they_are(dense: dict[str, Any]) -> None:
+    before = repr(dense)
+    Case.from_dict(dense).with_values({"solids.diameter": 2e-4})
+    assert repr(dense) == before
+
+
+# --- writing and changing -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("demo", ["short", "demos/dense_pipe/case3.toml"])
+def test_dump_reads_back_the_same(dense: dict[str, Any], root: Path, demo: str) -> None:
+    case = Case.from_dict(dense) if demo == "short" else Case.load(root / demo)
+    assert Case.from_dict(tomllib.loads(case.dump())) == case
+
+
+def test_dump_holds_every_default(dense: dict[str, Any]) -> None:
+    written = tomllib.loads(Case.from_dict(dense).dump())
+    assert written["solids"]["restitution"] == 0.7
+    assert written["closures"]["drag"]["model"] == "three-zone"
+    assert written["closures"]["drag"]["C"] == 1.0
+    assert written["numerics"]["max_steps"] == 200
+
+
+@pytest.mark.parametrize("family", ["drag", "radial", "granular", "friction", "turbulence"])
+def test_every_law_can_be_chosen_and_written(dense: dict[str, Any], family: str) -> None:
+    for name in names(family):
+        case = changed(dense, **{f"closures__{family}": name})
+        assert tomllib.loads(case.dump())["closures"][family]["model"] == name
+
+
+def test_parameter_of_a_default_law(dense: dict[str, Any]) -> None:
+    assert changed(dense, closures__drag__C=0.25).closures.drag == make(
+        "drag", {"model": "three-zone", "C": 0.25}
+    )
+
+
+def test_parameter_of_a_named_law(dense: dict[str, Any]) -> None:
+    dense["closures"] = {"friction": "dartevelle"}
+    case = changed(dense, closures__friction__coefficient=500.0)
+    assert case.closures.friction == make("friction", {"model": "dartevelle", "coefficient": 500.0})
+
+
+def test_parameters_add_up(dense: dict[str, Any]) -> None:
+    case = changed(dense, closures__drag__C=0.25).with_values({"closures.drag.width": 0.01})
+    assert (case.closures.drag.C, case.closures.drag.width) == (0.25, 0.01)
+
+
+def test_another_law_drops_the_parameters(dense: dict[str, Any]) -> None:
+    case = changed(dense, closures__drag__C=0.25).with_values({"closures.drag.model": "wen-yu"})
+    assert case.closures.drag == make("drag", "wen-yu")
+
+
+def test_none_takes_a_key_back(dense: dict[str, Any]) -> None:
+    case = changed(dense, numerics__level=2).with_values({"numerics.level": None})
+    assert case.numerics.level == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("solids.diameter=2e-4", 2e-4),
+        ("numerics.level = 2", 2),
+        ("closures.drag=wen-yu", "wen-yu"),
+        ('closures.drag="wen-yu"', "wen-yu"),
+        ("output.pictures=false", False),
+        ("closures.drag={model='constant'}", {"model": "constant"}),
+        ("title=a = b", "a = b"),
+        ("title=1\nflow=2", "1\nflow=2"),
+    ],
+)
+def test_overrides_are_toml_or_text(text: str, value: Any) -> None:
+    assert parse_override(text) == (text.partition("=")[0].strip(), value)
+
+
+@pytest.mark.parametrize("text", ["", "solids.diameter", "=3", "solids.diameter=", " = "])
+def test_an_override_needs_key_and_value(text: str) -> None:
+    with pytest.raises(InputError, match="key=value"):
+        parse_override(text)
+
+
+def test_parse_value_keeps_what_is_no_toml() -> None:
+    assert parse_value("log-law") == "log-law"
+
+
+def test_load_applies_overrides(root: Path) -> None:
+    path = root / "demos/dense_pipe/case3.toml"
+    case = Case.load(path, ["solids.diameter=2e-4", "closures.friction=none", "title=other"])
+    assert (case.solids.diameter, case.title) == (2e-4, "other")
+    assert case.closures.friction == make("friction", "none")
+
+
+def test_load_reads_a_byte_order_mark(tmp_path: Path, dense: dict[str, Any]) -> None:
+    path = tmp_path / "case.toml"
+    path.write_text(Case.from_dict(dense).dump(), encoding="utf-8-sig")
+    assert Case.load(path) == Case.from_dict(dense)
+
+
+def test_every_key_is_documented_and_every_number_bounded() -> None:
+    tables = [Case]
+    while tables:
+        table = tables.pop()
+        for name, info in table.model_fields.items():
+            inner = info.annotation
+            if isinstance(inner, type) and issubclass(inner, Table):
+                tables.append(inner)
+            assert info.description, name
+            if inner in (float, float | None, int) and name != "value":
+                limits = {
+                    b for m in info.metadata for b in ("gt", "ge", "lt", "le") if hasattr(m, b)
+                }
+                assert limits & {"gt", "ge"}, name
+                assert limits & {"lt", "le"}, name
+
+
+# --- what is refused ------------------------------------------------------------------------------
+
+NOT_NUMBERS = [True, "1.6e-4", "", [1.0], {"value": 1.0}, math.nan, math.inf, -math.inf, 1 + 2j]
+NUMBERS = [
+    "geometry.diameter",
+    "geometry.length",
+    "gas.density",
+    "gas.viscosity",
+    "solids.density",
+    "solids.restitution",
+    "operation.gas_superficial_velocity",
+    "operation.gravity",
+    "walls.distance",
+    "numerics.tolerance",
+    "numerics.level",
+]
+
+
+@pytest.mark.parametrize("key", NUMBERS)
+@pytest.mark.parametrize("value", NOT_NUMBERS, ids=repr)
+def test_only_numbers_are_numbers(dense: dict[str, Any], key: str, value: Any) -> None:
+    with pytest.raises(InputError, match="number") as caught:
+        Case.from_dict(dense).with_values({key: value})
+    assert caught.value.key == key
+
+
+BAD = [
+    # unknown keys and their neighbours
+    ("solids.diamter", 1e-4, "did you mean 'solids.diameter'?"),
+    ("solid.diameter", 1e-4, "did you mean 'solids.diameter'?"),
+    ("gas.gravity", 9.81, "did you mean 'operation.gravity'?"),
+    ("inclination_deg", 10.0, "did you mean 'geometry.inclination_deg'?"),
+    ("operations", {}, "did you mean 'operation'?"),
+    ("numerics.levle", 3, "did you mean 'numerics.level'?"),
+    ("foo.bar", 3, "one of the keys title, flow"),
+    ("title.text", "x", "did you mean 'title'?"),
+    ("closures.darg", "wen-yu", "did you mean 'closures.drag'?"),
+    ("closures.drag.D", 1.0, "C, width"),
+    # ranges
+    ("geometry.diameter", 0, "above 0 and at most 100 [m]"),
+    ("geometry.diameter", -0.01, "above 0"),
+    ("geometry.length", 0.0, "above 0"),
+    ("geometry.inclination_deg", 90.1, "at most 90 [deg]"),
+    ("geometry.inclination_deg", -91, "at least -90"),
+    ("gas.density", -1.0, "above 0 and at most 2000 [kg/m3]"),
+    ("gas.viscosity", 0.0, "[Pa s]"),
+    ("gas.temperature", 0.0, "[K]"),
+    ("solids.density", 30000.0, "at most 25000"),
+    ("solids.diameter", 160.0, "at most 0.1 [m]"),
+    ("solids.restitution", 1.1, "above 0 and at most 1"),
+    ("solids.restitution", 0.0, "above 0"),
+    ("solids.packing_limit", 0.8, "below 0.7406"),
+    ("solids.friction_angle_deg", 90, "below 90"),
+    ("operation.gas_superficial_velocity", 0.0, "above 0"),
+    ("operation.gas_superficial_velocity", 6430.0, "at most 300 [m/s]"),
+    ("operation.solids_fraction", 0.0, "above 0"),
+    ("operation.gravity", -9.81, "at least 0"),
+    ("operation.outlet_pressure", 0.0, "[Pa]"),
+    ("walls.distance", 0.0, "above 0"),
+    ("numerics.level", 0, "a whole number at least 1"),
+    ("numerics.level", 2.5, "a whole number"),
+    ("numerics.max_steps", 0, "a whole number at least 1"),
+    ("numerics.tolerance", 1.0, "below 1"),
+    ("numerics.error_target", 0.0, "above 0"),
+    ("numerics.theta_floor", -1e-8, "at least 0"),
+    ("numerics.wall_grading", 0.0, "above 0"),
+    ("numerics.quadrature_degree", 21, "at most 20"),
+    ("closures.drag.C", -1.0, "> 0"),
+    ("closures.drag.C", "much", "a number"),
+    # names
+    ("geometry.shape", "pip", "did you mean 'pipe'?"),
+    ("geometry.shape", "bend", "one of pipe, duct"),
+    ("geometry.symmetry", "quarter", "one of auto, half, none"),
+    ("flow", "slug", "one of dense"),
+    ("solution", "develop", "did you mean 'developed'?"),
+    ("gas.species", "n2", "did you mean 'N2'?"),
+    ("closures.drag", "wen-yo", "did you mean 'wen-yu'?"),
+    ("closures.drag", 3, "one of "),
+    ("closures.drag", {"C": 1.0}, "one of "),
+    ("closures.theta", "transprt", "did you mean 'transport'?"),
+    ("walls.gas", "loglaw", "did you mean 'log-law'?"),
+    ("walls.solids", "slip", "one of "),
+    ("numerics.cells", "triangles", "did you mean 'triangle'?"),
+    ("output.fields", ["alpha"], "out of alpha_s"),
+    # kinds
+    ("title", 3, "a text"),
+    ("inferred", "all", "a list of texts"),
+    ("inferred", [1], "a list of texts"),
+    ("geometry", 0.01, "a table"),
+    ("gas", None, "a table"),
+    ("reference", {"value": 1.0}, "a list of tables"),
+    ("output.pictures", 1, "true or false"),
+    ("output.pictures", "yes", "true or false"),
+    ("closures.friction_feeds_theta", "no", "true or false"),
+    # values that contradict each other
+    ("geometry.shape", "duct", "geometry.width in its place"),
+    ("geometry.width", 0.01, "geometry.diameter in its place"),
+    ("geometry.diameter", None, "for shape 'pipe'"),
+    ("solids.diameter", 0.02, "below 0.01 m"),
+    ("walls.distance", 0.005, "below 0.005 m"),
+    ("numerics.mesh_size", 0.01, "below 0.01 m"),
+    ("solids.friction_limit", 0.63, "below solids.packing_limit = 0.63"),
+    ("operation.solids_fraction", 0.63, "below solids.packing_limit = 0.63"),
+    ("operation.solids_fraction", None, "one of solids_fraction"),
+    ("operation.solids_mass_flow", 0.1, "exactly one of solids_fraction"),
+    ("operation.solids_superficial_velocity", 1.0, "exactly one of solids_fraction"),
+    ("solids", None, "a table [solids]"),
+    ("gas.density", None, "exactly one of density, species, gas_constant"),
+    ("gas.species", "N2", "exactly one of density, species, gas_constant"),
+    ("gas.pressure", 1e5, "no pressure beside gas.density"),
+    ("gas.viscosity", None, "dynamic viscosity"),
+    ("solids.density", None, "density of the particle"),
+    ("operation.gas_superficial_velocity", None, "above 0"),
+]
+
+
+@pytest.mark.parametrize(("key", "value", "part"), BAD, ids=[f"{k}={v}" for k, v, _ in BAD])
+def test_refused_with_the_remedy(dense: dict[str, Any], key: str, value: Any, part: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Case.from_dict(dense).with_values({key: value})
+    sentence = str(caught.value)
+    assert part in sentence
+    assert "\n" not in sentence
+    assert key.partition(".")[0] in sentence
+
+
+BAD_TABLES = [
+    ({"gas": {"species": "N2"}}, "gas.pressure is not given"),
+    ({"gas": {"gas_constant": 287.0, "pressure": 1e5}}, "gas.viscosity is not given"),
+    ({"gas": {"density": 1.2, "viscosity": 1e-5, "mu": 1e-5}}, "gas.mu = 1e-05 is refused"),
+    (
+        {"operation": {"gas_superficial_velocity": 6.0, "solids_velocity": 6.0}},
+        "operation.solids_velocity",
+    ),
+    ({"reference": [{"quantity": "pressure_drop", "value": 1.0}]}, "reference[0].source"),
+    (
+        {"reference": [{"quantity": "pressuredrop", "value": 1.0, "source": "x"}]},
+        "did you mean 'pressure_drop'?",
+    ),
+    (
+        {"reference": [{"quantity": "holdup", "value": "0.2", "source": "x"}]},
+        "reference[0].value = '0.2'",
+    ),
+    ({"closures": {"drag": {"model": "wen-yu", "C": 1.0}}}, "closures.drag.C"),
+    ({"geometry": {"shape": "duct", "height": 0.01}}, "geometry.width is not given"),
+    ({"solid": {}}, "did you mean 'solids'?"),
+]
+
+
+@pytest.mark.parametrize(("tables", "part"), BAD_TABLES, ids=[p for _, p in BAD_TABLES])
+def test_refused_tables(dense: dict[str, Any], tables: dict[str, Any], part: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Case.from_dict(dense | tables)
+    assert part in str(caught.value)
+
+
+def test_a_misspelt_key_comes_before_what_it_leaves_out(dense: dict[str, Any]) -> None:
+    dense["solids"] = {"desnity": 1700.0, "diameter": 1.6e-4}
+    with pytest.raises(InputError) as caught:
+        Case.from_dict(dense)
+    assert caught.value.key == "solids.desnity"
+    assert caught.value.suggestion == "solids.density"
+
+
+def test_python_words_get_the_same_sentences(dense: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=r"solids\.diameter"):
+        Case(**{**dense, "solids": {"density": 1700.0, "diameter": -1.0}})
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+def test_missing_file_names_its_neighbour(root: Path) -> None:
+    with pytest.raises(InputError, match=r"did you mean 'case3.toml'\?"):
+        Case.load(root / "demos/dense_pipe/case33.toml")
+
+
+@pytest.mark.parametrize(
+    ("content", "part"),
+    [
+        (b"title = 'a'\ntitle = 'b'\n", "line 2"),
+        (b"[geometry\n", "line 1"),
+        (b"title = '\xff'\n", "UTF-8"),
+        (b"", "geometry is not given"),
+    ],
+)
+def test_broken_files(tmp_path: Path, content: bytes, part: str) -> None:
+    path = tmp_path / "case.toml"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=part):
+        Case.load(path)
+
+
+def test_a_directory_is_no_case(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="readable file"):
+        Case.load(tmp_path)
+
+
+def test_results_go_to_a_new_or_empty_directory(tmp_path: Path) -> None:
+    assert results_directory(None) is None
+    assert results_directory(tmp_path) == tmp_path
+    assert results_directory(str(tmp_path / "a" / "b")) == tmp_path / "a" / "b"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_filled_directories_are_safe(tmp_path: Path) -> None:
+    (tmp_path / "result.json").write_text("{}")
+    with pytest.raises(InputError, match="--overwrite or --resume"):
+        results_directory(tmp_path)
+    assert results_directory(tmp_path, overwrite=True) == tmp_path
+    assert results_directory(tmp_path, resume=True) == tmp_path
+    with pytest.raises(InputError, match="either"):
+        results_directory(tmp_path, overwrite=True, resume=True)
+
+
+def test_results_need_a_directory(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for place in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(InputError, match="can be written"):
+            results_directory(place)
+
+
+def test_only_a_run_can_be_resumed(tmp_path: Path) -> None:
+    for place in (None, tmp_path, tmp_path / "new"):
+        with pytest.raises(InputError, match="resume"):
+            results_directory(place, resume=True)
+
+
+@pytest.mark.mpi
+def test_all_ranks_refuse_a_filled_directory(tmp_path: Path) -> None:
+    (tmp_path / "result.json").write_text("{}")
+    with pytest.raises(InputError, match="--overwrite"):
+        results_directory(tmp_path)

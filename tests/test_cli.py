@@ -1,0 +1,302 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The command line: exit statuses, one sentence per error, and nothing written on bad input."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mpi4py import MPI
+
+import fem_tfm
+import fem_tfm.flows
+from fem_tfm.case import Case
+from fem_tfm.cli import main, parse_variation
+from fem_tfm.closures import catalogue, families, names
+from fem_tfm.errors import InputError, SolverError
+
+RANK = MPI.COMM_WORLD.rank
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, dense: dict[str, Any]) -> Path:
+    """An empty working directory with one good case, "good.toml"."""
+    monkeypatch.chdir(tmp_path)
+    if RANK == 0:
+        Path("good.toml").write_text(Case.from_dict(dense).dump())
+    MPI.COMM_WORLD.barrier()
+    return tmp_path
+
+
+class Solver:
+    """Stands in for the solver: remembers its arguments and answers or fails as told."""
+
+    def __init__(self, error: BaseException | None = None) -> None:
+        self.error = error
+        self.calls: list[tuple[Any, ...]] = []
+
+    def __call__(self, case: Case, out: Path, **options: Any) -> str:
+        self.calls.append((case, out, options))
+        options["progress"].stage("solving")
+        if self.error:
+            raise self.error
+        return "answer"
+
+
+@pytest.fixture
+def solver(monkeypatch: pytest.MonkeyPatch) -> Solver:
+    """The solver that `run` meets."""
+    stand_in = Solver()
+    monkeypatch.setattr(fem_tfm.flows, "run", stand_in)
+    return stand_in
+
+
+def fem_tfm_command(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run the command in a process of its own."""
+    command = [sys.executable, "-m", "fem_tfm", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, **options)
+
+
+def only_sentence(text: str) -> str:
+    """The one line that an error may print."""
+    lines = text.splitlines()
+    assert len(lines) == 1
+    return lines[0]
+
+
+# --- as a process ---------------------------------------------------------------------------------
+
+
+def test_version(root: Path) -> None:
+    done = fem_tfm_command("--version", cwd=root)
+    assert (done.returncode, done.stdout) == (0, f"fem-tfm {fem_tfm.__version__}\n")
+
+
+def test_bad_input_ends_with_status_2(here: Path, root: Path) -> None:
+    environment = os.environ | {"PYTHONPATH": str(root)}
+    done = fem_tfm_command("run", "good.toml", "--set", "solids.diamter=1", env=environment)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert "did you mean 'solids.diameter'?" in only_sentence(done.stderr)
+    assert [p.name for p in here.iterdir()] == ["good.toml"]
+
+
+INTERRUPTED = """
+import sys, time
+import fem_tfm.flows
+from fem_tfm.cli import main
+
+def run(case, out, **options):
+    import dolfinx.fem.petsc
+    from petsc4py import PETSc
+    PETSc.Vec().create()
+    print("ready", flush=True)
+    time.sleep(60)
+
+fem_tfm.flows.run = run
+sys.exit(main(["run", "good.toml", "--quiet"]))
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interruption_ends_with_status_130(here: Path, root: Path, number: int) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(root)},
+    ) as process:
+        assert process.stdout.readline() == "ready\n"
+        process.send_signal(number)
+        _, errors = process.communicate(timeout=30)
+    assert (process.returncode, errors) == (130, "fem-tfm: interrupted\n")
+
+
+def test_output_that_nobody_reads_is_no_error(root: Path) -> None:
+    command = f"{sys.executable} -m fem_tfm models | head -n 1"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, cwd=root)
+    assert (done.stdout, done.stderr) == (f"[{families()[0]}]\n", "")
+
+
+# --- run ------------------------------------------------------------------------------------------
+
+
+def test_run_passes_everything_on(here: Path, solver: Solver) -> None:
+    given = ["run", "good.toml", "--set", "solids.diameter=2e-4", "--set", "closures.drag=wen-yu"]
+    assert main([*given, "--out", "there", "--overwrite", "--quiet"]) == 0
+    case, out, options = solver.calls[0]
+    assert (case.solids.diameter, case.closures.drag.name) == (2e-4, "wen-yu")
+    assert out == Path("there")
+    assert (options["overwrite"], options["resume"]) == (True, False)
+
+
+def test_results_go_to_a_directory_named_after_the_case(here: Path, solver: Solver) -> None:
+    assert main(["run", "good.toml", "--quiet"]) == 0
+    assert solver.calls[0][1] == Path("results/good")
+
+
+def test_quiet_is_quiet(here: Path, solver: Solver, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "good.toml", "--quiet"]) == 0
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (SolverError("no steady state after 200 steps"), 3),
+        (InputError("solids.diameter", 1.0, "less"), 2),
+        (KeyboardInterrupt(), 130),
+    ],
+)
+def test_exit_statuses(
+    here: Path,
+    solver: Solver,
+    capsys: pytest.CaptureFixture[str],
+    error: BaseException,
+    status: int,
+) -> None:
+    solver.error = error
+    assert main(["run", "good.toml", "--quiet"]) == status
+    assert only_sentence(capsys.readouterr().err).endswith(str(error) or "interrupted")
+
+
+def test_a_defect_shows_its_trace(
+    here: Path, solver: Solver, capsys: pytest.CaptureFixture[str]
+) -> None:
+    solver.error = ZeroDivisionError("defect")
+    assert main(["run", "good.toml", "--quiet"]) == 1
+    assert "Traceback" in capsys.readouterr().err
+
+
+BAD = [
+    ([], "VERB"),
+    (["rnu", "good.toml"], "invalid choice"),
+    (["run"], "CASE.toml"),
+    (["run", "goood.toml"], "did you mean 'good.toml'?"),
+    (["run", "good.toml", "--frobnicate"], "--frobnicate"),
+    (["run", "good.toml", "--set", "solids.diameter"], "key=value"),
+    (["run", "good.toml", "--set", "solids.diameter=small"], "a number above 0"),
+    (["run", "good.toml", "--set", "closures.drag=wen-yo"], "did you mean 'wen-yu'?"),
+    (["run", "good.toml", "--out", "good.toml"], "can be written"),
+    (["run", "good.toml", "--out", "."], "--overwrite or --resume"),
+    (["run", "good.toml", "--resume"], "a run to resume"),
+    (["run", "good.toml", "--resume", "--overwrite"], "either --resume or --overwrite"),
+    (["check", "none.toml"], "existing case file"),
+    (["mesh", "good.toml"], "--out"),
+    (["mesh", "good.toml", "--out", "good.toml"], "a new file, or --overwrite"),
+    (["models", "dragg"], "did you mean 'drag'?"),
+    (["sweep", "good.toml"], "--vary"),
+    (["sweep", "good.toml", "--vary", "solids.diameter"], "key=a,b,c"),
+    (["sweep", "good.toml", "--vary", "solids.diamter=1e-4,2e-4"], "'solids.diameter'"),
+    (["sweep", "good.toml", "--vary", "solids.diameter=1e-4,-1"], "above 0"),
+    (["sweep", "good.toml", "--vary", "solids.diameter=1e-4", "--jobs", "0"], "at least 1"),
+]
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("arguments", "part"), BAD, ids=[" ".join(a) or "nothing" for a, _ in BAD])
+def test_bad_input_writes_one_sentence_and_no_file(
+    here: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], part: str
+) -> None:
+    before = (here / "good.toml").read_text()
+    assert main(arguments) == 2
+    out, errors = capsys.readouterr()
+    assert out == ""
+    if RANK == 0:
+        assert part in only_sentence(errors)
+    else:
+        assert errors == ""
+    assert [p.name for p in here.iterdir()] == ["good.toml"]
+    assert (here / "good.toml").read_text() == before
+
+
+def test_a_sweep_is_checked_as_a_whole(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    limits = ["--vary", "solids.friction_limit=0.3,0.55", "--vary", "solids.packing_limit=0.6,0.5"]
+    assert main(["sweep", "good.toml", *limits]) == 2
+    assert "below solids.packing_limit = 0.5" in only_sentence(capsys.readouterr().err)
+
+
+# --- the other verbs ------------------------------------------------------------------------------
+
+
+@pytest.mark.mpi
+def test_help_names_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help"]) == 0
+    out, _ = capsys.readouterr()
+    verbs = ("run", "check", "mesh", "models", "sweep", "bench")
+    assert all((f"\n    {verb} " in out) == (RANK == 0) for verb in verbs)
+
+
+@pytest.mark.parametrize("verb", ["run", "check", "mesh", "models", "sweep", "bench"])
+def test_every_verb_has_help(capsys: pytest.CaptureFixture[str], verb: str) -> None:
+    assert main([verb, "--help"]) == 0
+    assert f"usage: fem-tfm {verb}" in capsys.readouterr().out
+
+
+def test_models_lists_every_law(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["models"]) == 0
+    out = capsys.readouterr().out
+    for family in families():
+        assert f"[{family}]" in out
+        assert all(f"\n{name}: " in out for name in names(family))
+
+
+def test_models_of_a_family_show_formula_source_and_parameters(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["models", "drag"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    for law in catalogue("drag"):
+        assert " ".join(law["formula"].split()) in out
+        assert " ".join(law["source"].split()) in out
+        assert all(f"{p['name']} = {p['default']}" in out for p in law["parameters"])
+    assert "[radial]" not in out
+
+
+def test_check_prints_what_the_flow_describes(
+    here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = {
+        "unknowns": 4900,
+        "memory_mb": 412.3456,
+        "skipped": ["half: symmetric"],
+        "closures": {"drag": "wen-yu"},
+        "warnings": [],
+    }
+    monkeypatch.setattr(fem_tfm.flows, "describe", lambda case: answer, raising=False)
+    assert main(["check", "good.toml"]) == 0
+    lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
+    assert lines == [
+        "unknowns 4900",
+        "memory mb 412.3",
+        "skipped",
+        "- half: symmetric",
+        "closures",
+        "drag wen-yu",
+        "warnings none",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("solids.diameter=1e-4,2e-4", ("solids.diameter", [1e-4, 2e-4])),
+        ("closures.drag=wen-yu, ergun", ("closures.drag", ["wen-yu", "ergun"])),
+        ("numerics.level=1", ("numerics.level", [1])),
+        ("output.pictures=true,false", ("output.pictures", [True, False])),
+    ],
+)
+def test_variations(text: str, expected: tuple[str, list[Any]]) -> None:
+    assert parse_variation(text) == expected
+
+
+@pytest.mark.parametrize("text", ["", "a", "a=", "=1,2", "a=b,,c"])
+def test_variations_need_key_and_values(text: str) -> None:
+    with pytest.raises(InputError, match="key=a,b,c"):
+        parse_variation(text)

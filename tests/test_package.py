@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The packaging agrees with the files: every room is installed, every import is pinned."""
+
+from __future__ import annotations
+
+import ast
+import itertools
+import re
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+# loaded from the wheel of DOLFINx where that is installed, and from elsewhere otherwise
+BUNDLED = {"dolfinx", "dolfinx_solver", "petsc4py"}
+# used by tests only where it happens to be installed
+OPTIONAL = {"vtk", "pyvista"}
+
+
+@pytest.fixture(scope="module")
+def project() -> dict[str, Any]:
+    """The contents of pyproject.toml."""
+    return tomllib.loads((Path(__file__).parent.parent / "pyproject.toml").read_text())
+
+
+def imported(folder: Path) -> set[str]:
+    """Top-level names of all modules that the files of a folder import."""
+    found = set()
+    for path in folder.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                found.add(node.module.partition(".")[0])
+    return found - set(sys.stdlib_module_names) - {"fem_tfm", "tests"}
+
+
+def pins(requirements: list[str]) -> dict[str, str]:
+    """Name and version of exactly pinned requirements."""
+    return dict(r.split("==") for r in requirements)
+
+
+def owners() -> dict[str, set[str]]:
+    """Distributions that each module comes from, by their normalised names."""
+    return {
+        module: {re.sub(r"[-_.]+", "-", name).lower() for name in names}
+        for module, names in packages_distributions().items()
+    }
+
+
+def test_every_room_is_installed(root: Path, project: dict[str, Any]) -> None:
+    rooms = {p.parent for p in (root / "fem_tfm").rglob("*.py")}
+    expected = {".".join(p.relative_to(root).parts) for p in rooms} | {"fem_tfm.meshes"}
+    assert set(project["tool"]["setuptools"]["packages"]) == expected
+
+
+def test_every_import_is_pinned(root: Path, project: dict[str, Any]) -> None:
+    pinned = set(pins(project["project"]["dependencies"]))
+    known = owners()
+    for module in imported(root / "fem_tfm") - BUNDLED:
+        assert pinned & known.get(module, set()), module
+
+
+def test_every_import_of_the_tests_is_pinned(root: Path, project: dict[str, Any]) -> None:
+    extra = project["project"]["optional-dependencies"]["dev"]
+    pinned = set(pins(project["project"]["dependencies"])) | set(pins(extra))
+    known = owners()
+    local = {p.stem for p in (root / "tests").rglob("*.py")}
+    for module in imported(root / "tests") - BUNDLED - OPTIONAL - local:
+        assert pinned & known.get(module, set()), module
+
+
+def test_pins_are_exact(project: dict[str, Any]) -> None:
+    extras = project["project"]["optional-dependencies"].values()
+    listed = [project["project"]["dependencies"], project["build-system"]["requires"], *extras]
+    for requirement in itertools.chain.from_iterable(listed):
+        assert re.fullmatch(r"[A-Za-z0-9-]+==[0-9][0-9a-z.]*", requirement)
+
+
+def test_nothing_ties_the_checkout_to_a_machine(root: Path) -> None:
+    for name in ("pyproject.toml", "Makefile", ".ci/run", ".ci/setup", ".ci/find-python"):
+        text = (root / name).read_text()
+        assert "://" not in text, name
+        assert not re.search(r"(index|registry)[-_]url|find-links", text), name

@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Python's signal handlers survive the libraries."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+
+import pytest
+
+from fem_tfm import signals
+
+
+@pytest.fixture(autouse=True)
+def restored(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Leave the handlers and PETSc's options as they were."""
+    monkeypatch.setenv("PETSC_OPTIONS", "-log_view")
+    with signals.kept():
+        yield
+
+
+def test_termination_interrupts() -> None:
+    signals.install()
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGTERM)
+
+
+def test_petsc_leaves_signals_alone_and_keeps_its_options() -> None:
+    signals.install()
+    signals.install()
+    assert os.environ["PETSC_OPTIONS"] == "-log_view -no_signal_handler"
+
+
+def test_handlers_come_back() -> None:
+    signals.install()
+    before = [signal.getsignal(number) for number in signals.SIGNALS]
+    with signals.kept():
+        for number in signals.SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+    assert [signal.getsignal(number) for number in signals.SIGNALS] == before
