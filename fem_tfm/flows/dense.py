@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 COARSEST = 0.25
 # regularisations in units of U_g and D; their effect on the pressure gradient is in docs/dense.md
 ALPHA_DIFFUSION, SLIP_FLOOR, SHEAR_FLOOR, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 1e-4, 1e-3, 0.1, 1e-8
-WALL_PENALTY = 20.0
+WALL_PENALTY, SMOOTHING = 20.0, 0.05
 
 
 def setup_of(case: Case) -> Setup:
@@ -55,6 +55,8 @@ def setup_of(case: Case) -> Setup:
         wall_penalty=WALL_PENALTY,
         wall_speed=WALL_SPEED * speed,
         pressure_shift=PRESSURE_SHIFT / (width * gas.density * speed),
+        relaxation=width / speed,
+        smoothing=SMOOTHING * width,
     )
     laws = case.closures
     closures = ClosureSet(

@@ -173,24 +173,26 @@ class Section:
         """G is set by the gas flux, the uniform source of solids by hold-up or flux."""
         now, test, dx = self.state(self.now), self._test(), self.domain.dx
         alpha = self.model.alpha(now)
-        area = fem.assemble_scalar(compile_form(self._constant(1.0) * dx))
-        area = self.mesh.mesh.comm.allreduce(area)
-        self.area = area
+        self.area = self.integral(self._constant(1.0))
+        # fluxes are those of the true section: the mesh's misses a sliver along a curved wall
+        true_area = self.mesh.geometry.meshed_area
+        gas_flux = self.setup.gas_velocity * true_area
         gas_column = -(1 - alpha) * test.u_g[2] * dx
         if self.setup.solids is None:
-            return [self._border(self.drive, gas_column, now.u_g[2] * dx, self.setup.gas_velocity)]
+            return [self._border(self.drive, gas_column, now.u_g[2] * dx, gas_flux)]
         column = gas_column - alpha * test.u_s[2] * dx
         kind, value = self.setup.feed
-        carried = alpha * dx if kind == "holdup" else alpha * now.u_s[2] * dx
+        if kind == "holdup":
+            held, target = alpha * dx, value * self.area
+        else:
+            held, target = alpha * now.u_s[2] * dx, value * true_area
         return [
-            self._border(
-                self.drive, column, (1 - alpha) * now.u_g[2] * dx, self.setup.gas_velocity
-            ),
-            self._border(self.source, -alpha * test.q * dx, carried, value),
+            self._border(self.drive, column, (1 - alpha) * now.u_g[2] * dx, gas_flux),
+            self._border(self.source, -alpha * test.q * dx, held, target),
         ]
 
     def _border(
-        self, multiplier: fem.Constant, column: Any, constraint: Any, mean: float
+        self, multiplier: fem.Constant, column: Any, constraint: Any, target: float
     ) -> Border:
         row = ufl.derivative(constraint, self.now, ufl.TestFunction(self.space))
         return Border(
@@ -198,7 +200,7 @@ class Section:
             compile_form(column),
             compile_form(constraint),
             compile_form(row),
-            self._constant(mean * self.area),
+            self._constant(target),
         )
 
     def _blocks(self) -> list[Block]:

@@ -70,6 +70,10 @@ class Numerics:
     wall_penalty : factor of the weak condition u.n = 0 [-]
     wall_speed : speed of the inertial share of that condition [m/s]
     pressure_shift : compressibility that fixes the mean of p at zero [m s/kg]
+    relaxation : time in which an algebraic Theta follows during pseudo-time [s]
+    smoothing : length over which ln of an algebraic Theta is smoothed [m]; it stands for the
+        conduction that the algebraic balance lacks, without which voids and shear-free lines
+        make Theta as rough as the mesh
     """
 
     alpha_diffusion: Any
@@ -79,6 +83,8 @@ class Numerics:
     wall_penalty: Any
     wall_speed: Any
     pressure_shift: Any
+    relaxation: Any
+    smoothing: Any
 
     def bound(self, wrap: Callable[[float], Any]) -> Numerics:
         """The same values wrapped, so that a change recompiles nothing."""
@@ -302,18 +308,23 @@ class TwoFluid:
         theta, k = solid.theta, solid.kinetic
         if self.closures.theta == "algebraic":
             shear = ufl.inner(solid.strain, solid.strain)
+            # without -p D: compression, which voids exaggerate, would feed Theta without bound
             target = algebraic_theta(
                 solid.alpha,
                 solid.g0,
                 shear,
-                solid.dilation,
+                0.0,
                 self.closures.granular,
                 self.solids,
                 self.domain.diameter,
                 self.drag(now),
             )
             target += self.numerics.theta_floor
-            return (now.tau - ufl.ln(target)) * w * self.domain.dx
+            lag = idt * self.numerics.relaxation * (now.tau - old.tau)
+            smooth = self.numerics.smoothing**2 * self.axis.gradient(now.tau)
+            return (
+                (now.tau - ufl.ln(target) + lag) * w + ufl.inner(smooth, self.axis.gradient(w))
+            ) * self.domain.dx
         work = solid.kinetic_work()
         if self.closures.friction_feeds_theta:
             work += 2 * solid.mu_f * ufl.inner(solid.strain, solid.strain)

@@ -94,9 +94,17 @@ class SectionView:
 
     @property
     def height(self) -> float:
-        """Extent of the whole section along y [m]."""
-        y = self.points[:, 1]
-        return 2 * float(y.max()) if "y" in MIRRORS[self.symmetry] else float(np.ptp(y))
+        """Extent of the whole section along y, the D of y/D [m]."""
+        return self._extent("y")
+
+    @property
+    def width(self) -> float:
+        """Extent of the whole section along x [m]."""
+        return self._extent("x")
+
+    def _extent(self, axis: str) -> float:
+        x = self.points[:, "xy".index(axis)]
+        return 2 * float(x.max()) if axis in MIRRORS[self.symmetry] else float(np.ptp(x))
 
     def copies(self) -> list[Triangulation]:
         """The part given and its mirror images, which make up the whole section."""
@@ -169,8 +177,10 @@ def section_picture(
     profile = vertical_profile(view, {name: fields[name] for name in LOOKS if name in fields})
     panels = _panels(profile)
     columns = max(len(maps), len(panels), 1)
-    figure = Figure(figsize=(3.3 * columns + 0.4, 7.2), layout="constrained")
-    upper, lower = figure.subfigures(2, 1, height_ratios=(1.15, 1.0))
+    # colour bar and labels above and below a map take about an inch
+    heights = (1.1 + 2.7 * min(view.height / view.width, 2.0), 3.3)
+    figure = Figure(figsize=(3.3 * columns + 0.4, sum(heights)), layout="constrained")
+    upper, lower = figure.subfigures(2, 1, height_ratios=heights)
     values = {name: axial(fields[name]) for name in maps}
     for axes, name in zip(_row(upper, len(maps)), maps, strict=True):
         _map(axes, view, values[name], LOOKS[name], _limits(name, values))

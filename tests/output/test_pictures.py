@@ -83,7 +83,7 @@ def test_mirror_images_make_up_the_section(symmetry: str) -> None:
     y = np.concatenate([copy.y for copy in copies])
     for extent in (x.min(), -x.max(), y.min(), -y.max()):
         assert extent == pytest.approx(-0.005, rel=0.01)
-    assert view.height == pytest.approx(0.01)
+    assert [view.height, view.width] == pytest.approx([0.01, 0.01], rel=0.01)
     wall = np.hypot(*view.points[view.wall(), :2].T)
     assert wall == pytest.approx(0.005)
 
