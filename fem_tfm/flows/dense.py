@@ -7,7 +7,7 @@ import math
 import time
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 import ufl
 from mpi4py import MPI
@@ -185,6 +185,10 @@ def skipped(case: Case) -> list[str]:
 
 # -- the run -----------------------------------------------------------------------------------
 
+FILES = (
+    "result.json", "monitor.csv", "run.log", "profiles.csv", "section.png", "fields.xdmf",
+    "fields.h5",
+)  # fmt: skip
 COLUMNS = {
     "step": "",
     "level": "",
@@ -218,9 +222,18 @@ class Recorder:
         self.section: Section | None = None
         self.level = self.levels = self.steps = 0
         self.monitor: Monitor | None = None
-        self._lap = time.perf_counter()
+        self._file: TextIO | None = None
+        self._began = self._lap = time.perf_counter()
         if out is not None and self.comm.rank == 0:
             self.monitor = Monitor(out / "monitor.csv", COLUMNS, append=resume)
+            self._file = (out / "run.log").open("a", encoding="utf-8")
+        self.log(f"fem_tfm {versions().get('fem_tfm', '')}, {self.comm.size} rank(s): {case.title}")
+
+    def log(self, text: str) -> None:
+        """One line of run.log, with the wall time since the start."""
+        if self._file is not None:
+            self._file.write(f"{time.perf_counter() - self._began:9.2f} s  {text}\n")
+            self._file.flush()
 
     def lap(self, stage: str) -> None:
         """Book the time since the last call under a stage."""
@@ -240,7 +253,9 @@ class Recorder:
         self.lap("compile")
         self.section, self.level, self.levels = section, level, levels
         cells = section.mesh.num_cells
-        self.progress.stage(f"mesh {level + 1} of {levels}: {cells} cells, {section.dofs} unknowns")
+        text = f"mesh {level + 1} of {levels}: {cells} cells, {section.dofs} unknowns"
+        self.progress.stage(text)
+        self.log(text)
 
     def step(self, row: dict[str, float]) -> None:
         """A row of the monitor and the early-warning line."""
@@ -252,6 +267,7 @@ class Recorder:
             self.monitor.write(values)
         warning = ", ".join(f"{n} {values[n]:.4g}" for n in WARNED if n in values)
         self.progress.update(self._fraction(row["dt"]), warning)
+        self.log(f"step {self.steps}: dt {row['dt']:.3g} s, {warning}")
 
     def _fraction(self, dt: float) -> float:
         """Share of the work done, from the decades of dt that are behind on this mesh."""
@@ -282,9 +298,10 @@ class Recorder:
         checkpoint.save(self.out, self.comm, fields, numbers)
 
     def close(self) -> None:
-        """Close the monitor."""
-        if self.monitor is not None:
-            self.monitor.close()
+        """Close the monitor and the log."""
+        for file in (self.monitor, self._file):
+            if file is not None:
+                file.close()
 
 
 def run(
@@ -315,20 +332,32 @@ def run(
         )
         recorder.lap("solve")
         return _finish(case, solution, recorder)
-    except (SolverError, KeyboardInterrupt) as stop:
-        status = "failed" if isinstance(stop, SolverError) else "interrupted"
-        recorder.save()
-        _write(_result(case, status, recorder, reason=str(stop)), recorder)
+    except SolverError as stop:
+        _keep(case, recorder, "failed", str(stop))
+        hint = f"; its last state is in {out} (fields.xdmf, --resume)" if out is not None else ""
+        raise SolverError(f"{stop}{hint}") from stop
+    except KeyboardInterrupt:
+        _keep(case, recorder, "interrupted", "interrupted by the user")
         raise
     finally:
         recorder.close()
+
+
+def _keep(case: Case, recorder: Recorder, status: str, reason: str) -> None:
+    """Write what an unfinished run has: its last accepted state and why it stopped."""
+    result = _result(case, status, recorder, reason)
+    recorder.log(f"{status}: {reason}")
+    if recorder.steps:
+        recorder.save()
+        _write_fields(case, recorder.section, result, recorder)
+    _write(result, recorder)
 
 
 def _prepare(case: Case, out: Path, overwrite: bool) -> None:
     """Make the directory with the complete case; a replaced run leaves nothing of its own."""
     out.mkdir(parents=True, exist_ok=True)
     if overwrite:
-        for name in (checkpoint.FILE, "result.json", "monitor.csv"):
+        for name in (checkpoint.FILE, *FILES):
             (out / name).unlink(missing_ok=True)
     write_text(out / "case.toml", case.dump())
 
@@ -376,6 +405,7 @@ def _finish(case: Case, solution: developed.Solution, recorder: Recorder) -> Res
     recorder.save_final()
     recorder.lap("output")
     _write(result, recorder)
+    recorder.log(f"converged: pressure gradient {result['pressure_gradient']:.6g} Pa/m")
     return result
 
 
