@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
@@ -55,6 +56,12 @@ QUANTITIES = {
 FIELDS = ("alpha_s", "u_s", "u_g", "theta", "pressure")
 
 FEEDS = ("solids_fraction", "solids_superficial_velocity", "solids_mass_flow")
+
+# ways to give one thing, each a key with its companions: a changed key replaces the other ways
+INSTEAD = {
+    "operation": {**dict.fromkeys(FEEDS, ()), "solids_fraction": ("solids_velocity",)},
+    "gas": {"density": (), "species": ("pressure",), "gas_constant": ("pressure",)},
+}
 
 
 def _key(default: Any, unit: str, doc: str, **bounds: float) -> Any:
@@ -372,7 +379,9 @@ class Case(Table):
     def load(cls, path: str | Path, overrides: Iterable[str] = ()) -> Case:
         """Read a TOML file; `overrides` are texts "key=value" as given to --set."""
         values = _read(Path(path))
-        for key, value in map(parse_override, overrides):
+        changes = dict(map(parse_override, overrides))
+        _give_way(values, changes)
+        for key, value in changes.items():
             _set(values, key, value)
         return cls.from_dict(values)
 
@@ -384,6 +393,7 @@ class Case(Table):
     def with_values(self, changes: Mapping[str, Any]) -> Case:
         """Return a case with dotted keys changed; None takes a key back to its default."""
         values = self.model_dump(exclude_unset=True)
+        _give_way(values, changes)
         for key, value in changes.items():
             _set(values, key, value)
         return Case.from_dict(values)
@@ -508,11 +518,11 @@ def parse_override(text: str) -> tuple[str, Any]:
 
 
 def parse_value(text: str) -> Any:
-    """Read one TOML value, or else take the text as it is."""
+    """Read one TOML value; numbers may also be written as .5 or 5., all else is a text."""
     try:
         values = tomllib.loads(f"value = {text}")
     except tomllib.TOMLDecodeError:
-        return text
+        return float(text) if re.fullmatch(r"[+-]?(\d+\.|\.\d+)(e[+-]?\d+)?", text, re.I) else text
     return values["value"] if len(values) == 1 else text
 
 
@@ -591,6 +601,16 @@ def _set(values: dict[str, Any], key: str, value: Any) -> None:
         table[part] = _as_table(table.get(part), ".".join(tables[:depth]))
         table = table[part]
     table[name] = value
+
+
+def _give_way(values: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Take back the keys of a table that a changed one replaces, unless they are changed too."""
+    for table, ways in INSTEAD.items():
+        changed = {name for name in ways if f"{table}.{name}" in changes}
+        group = {*ways, *(companion for names in ways.values() for companion in names)}
+        kept = changed | {companion for name in changed for companion in ways[name]}
+        if changed and isinstance(values.get(table), Mapping):
+            values[table] = {k: v for k, v in values[table].items() if k not in group - kept}
 
 
 def _as_table(value: Any, key: str) -> dict[str, Any]:
