@@ -1,8 +1,158 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Values of finite-element functions at points, and their transfer to another mesh.
+
+Both accept points slightly outside the mesh, as the nodes of another curved mesh of the same
+section are: such a point takes the polynomial of the nearest cell. Both are collective.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, overload
+
 import numpy as np
-from dolfinx import fem
-def transfer(src,dst):
-    t=dst.function_space.mesh.topology; n=t.index_map(2).size_local+t.index_map(2).num_ghosts
-    cells=np.arange(n,dtype=np.int32)
-    data=fem.create_interpolation_data(dst.function_space,src.function_space,cells,padding=1e-5)
-    dst.interpolate_nonmatching(src,cells,data)
-    dst.x.scatter_forward()
+import numpy.typing as npt
+from dolfinx import fem, geometry
+from dolfinx.mesh import Mesh
+from mpi4py import MPI
+
+from fem_tfm.errors import InputError, SolverError
+
+# how far outside a mesh a node may be, over its extent; wide boxes cost time, so thin ones first
+PADDINGS = (1e-6, 1e-3, 3e-2)
+# the same for a probe; more than a polygon of 20 edges is from its circle
+TOLERANCE = 1e-2
+
+
+def transfer(source: fem.Function, target: fem.Function) -> fem.Function:
+    """Interpolate `source` into `target`, a function on another mesh of the same region.
+
+    For scalar or vector Lagrange spaces of equal shape. Exact where `source` is a polynomial in
+    x that the cells of both meshes carry; otherwise the error is that of `source` itself. Nodes
+    outside the source mesh by up to 3 % of its extent are extrapolated. Returns `target`, ghosts
+    up to date. Raises InputError for different shapes, SolverError if a node is further away.
+    """
+    space = target.function_space
+    shapes = source.ufl_shape, target.ufl_shape
+    if shapes[0] != shapes[1]:
+        raise InputError("source", shapes[0], f"a function of shape {shapes[1]}, as the target")
+    cells = np.arange(_count_cells(space.mesh), dtype=np.int32)
+    extent = _extent(source.function_space.mesh)
+    for padding in PADDINGS:
+        data = fem.create_interpolation_data(
+            space, source.function_space, cells, padding=padding * extent
+        )
+        lost = space.mesh.comm.allreduce(int(np.count_nonzero(data.src_owner < 0)))
+        if not lost:
+            target.interpolate_nonmatching(source, cells, data)
+            target.x.scatter_forward()
+            return target
+    raise SolverError(f"{lost} nodes are too far outside the mesh that the values come from")
+
+
+@overload
+def point_values(
+    functions: fem.Function, points: npt.ArrayLike, tolerance: float | None = None
+) -> npt.NDArray[Any]: ...
+
+
+@overload
+def point_values(
+    functions: Sequence[fem.Function], points: npt.ArrayLike, tolerance: float | None = None
+) -> list[npt.NDArray[Any]]: ...
+
+
+def point_values(
+    functions: fem.Function | Sequence[fem.Function],
+    points: npt.ArrayLike,
+    tolerance: float | None = None,
+) -> npt.NDArray[Any] | list[npt.NDArray[Any]]:
+    """Values of one function, or of several on one mesh, at the same `points` on every rank.
+
+    `points` has the shape (n, 2) or (n, 3) [m]. Every rank gets all values: shape (n,) for a
+    scalar, (n, k) for k components; nan at points further than `tolerance` [m] outside the mesh
+    (default: 1 % of its extent). Raises InputError for points of another shape.
+    """
+    several = [functions] if isinstance(functions, fem.Function) else list(functions)
+    if not several:
+        return []
+    mesh = several[0].function_space.mesh
+    x = _three_columns(points)
+    reach = TOLERANCE * _extent(mesh) if tolerance is None else tolerance
+    cells, here, found = _owners(mesh, x, reach)
+    values = [_evaluated(function, x, cells, here, found) for function in several]
+    return values[0] if isinstance(functions, fem.Function) else values
+
+
+def _count_cells(mesh: Mesh) -> int:
+    """Cells of this rank, ghosts included."""
+    cells = mesh.topology.index_map(mesh.topology.dim)
+    return int(cells.size_local + cells.num_ghosts)
+
+
+def _extent(mesh: Mesh) -> float:
+    """Largest side of the bounding box of a mesh [m]."""
+    x = mesh.geometry.x
+    lower = x.min(axis=0) if len(x) else np.full(3, np.inf)
+    upper = x.max(axis=0) if len(x) else np.full(3, -np.inf)
+    mesh.comm.Allreduce(MPI.IN_PLACE, lower, MPI.MIN)
+    mesh.comm.Allreduce(MPI.IN_PLACE, upper, MPI.MAX)
+    return float((upper - lower).max())
+
+
+def _three_columns(points: npt.ArrayLike) -> npt.NDArray[np.float64]:
+    """Points with z = 0 added where it is missing."""
+    given = np.asarray(points, dtype=np.float64)
+    if given.ndim != 2 or given.shape[1] not in (2, 3):
+        raise InputError("points", given.shape, "an array of shape (n, 2) or (n, 3)")
+    return np.pad(given, ((0, 0), (0, 3 - given.shape[1])))
+
+
+def _nearest_cells(
+    mesh: Mesh, x: npt.NDArray[np.float64], reach: float
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float64]]:
+    """Nearest cell owned by this rank within `reach` of each point (else -1), and its distance."""
+    cells = np.full(len(x), -1, dtype=np.int32)
+    nearest = np.full(len(x), np.inf)
+    dim = mesh.topology.dim
+    owned = np.arange(mesh.topology.index_map(dim).size_local, dtype=np.int32)
+    if not (len(owned) and len(x)):
+        return cells, nearest
+    tree = geometry.bb_tree(mesh, dim, padding=reach, entities=owned)
+    candidates = geometry.compute_collisions_points(tree, x)
+    rows = np.repeat(np.arange(len(x)), np.diff(candidates.offsets))
+    if not len(rows):
+        return cells, nearest
+    gap = np.sqrt(geometry.squared_distance(mesh, dim, candidates.array, x[rows]))
+    # the last write to a row stays, so the nearest comes last; lower indices win ties
+    order = np.lexsort((-candidates.array, -gap))
+    order = order[gap[order] <= reach]
+    cells[rows[order]], nearest[rows[order]] = candidates.array[order], gap[order]
+    return cells, nearest
+
+
+def _owners(
+    mesh: Mesh, x: npt.NDArray[np.float64], reach: float
+) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Cell of each point on this rank, whether this rank answers for it, whether any does."""
+    cells, gap = _nearest_cells(mesh, x, reach)
+    gaps = np.array(mesh.comm.allgather(gap))
+    found = np.isfinite(gaps.min(axis=0))
+    return cells, found & (gaps.argmin(axis=0) == mesh.comm.rank), found
+
+
+def _evaluated(
+    function: fem.Function,
+    x: npt.NDArray[np.float64],
+    cells: npt.NDArray[np.int32],
+    here: npt.NDArray[np.bool_],
+    found: npt.NDArray[np.bool_],
+) -> npt.NDArray[Any]:
+    """Values at all points on every rank."""
+    space = function.function_space
+    values = np.zeros((len(x), space.value_size), dtype=function.dtype)
+    if here.any():
+        values[here] = function.eval(x[here], cells[here]).reshape(-1, space.value_size)
+    space.mesh.comm.Allreduce(MPI.IN_PLACE, values)
+    values[~found] = np.nan
+    return values.reshape(-1) if function.ufl_shape == () else values

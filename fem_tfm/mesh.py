@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -28,14 +28,15 @@ from dolfinx.mesh import Mesh as DolfinxMesh
 from mpi4py import MPI
 
 from fem_tfm.errors import InputError, SolverError, nearest
+from fem_tfm.signals import kept
 
 QUADRANTS = {"none": 4, "half": 2, "quarter": 1}
 CELLS = ("triangle", "quadrilateral")
 SUFFIXES = (".msh", ".xdmf", ".vtu")
 WALL_RATIO = 0.25
-# sizes accepted, over the hydraulic diameter, and wall ratios: below them Gmsh takes minutes
+# sizes accepted over the hydraulic diameter, and wall ratios: the smallest make millions of cells
 SMALLEST_SIZE, LARGEST_SIZE, SMALLEST_RATIO = 5e-4, 0.5, 1e-3
-# the wall distance stops here, over the half width: P2 edges cross the circle by less
+# the wall distance stops here, over the half width, so that its logarithm is finite on the wall
 DISTANCE_FLOOR = 1e-9
 # Debian packages of the libraries that the wheel of Gmsh loads but does not bring
 DEBIAN_PACKAGES = (
@@ -52,10 +53,20 @@ GMSH_OPTIONS = (
 )
 
 
+def _number(value: object) -> bool:
+    real = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    return real and math.isfinite(value)  # type: ignore[arg-type]
+
+
 def _positive(key: str, value: float) -> None:
-    number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-    if not (number and math.isfinite(value) and value > 0):
+    if not (_number(value) and value > 0):
         raise InputError(key, value, "a finite number above 0 m")
+
+
+def _whole(key: str, value: int, upper: int) -> None:
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    if not (whole and 1 <= value <= upper):
+        raise InputError(key, value, f"a whole number from 1 to {upper}")
 
 
 def _choice(key: str, value: str, valid: tuple[str, ...]) -> None:
@@ -163,8 +174,8 @@ class DuctGeometry:
         _positive("geometry.height", self.height)
         _choice("geometry.symmetry", self.symmetry, tuple(QUADRANTS))
         half = min(self.width, self.height) / 2
-        if not 0 <= self.wall_offset < half:
-            raise InputError("wall_offset", self.wall_offset, f"a length from 0 to below {half:g} m")
+        if not (_number(self.wall_offset) and 0 <= self.wall_offset < half):
+            raise InputError("wall_offset", self.wall_offset, f"from 0 to below {half:g} m")
 
     @property
     def radius(self) -> float:
@@ -215,9 +226,9 @@ class DuctGeometry:
     def wall_distance(self, x: Any) -> Any:
         """Distance to the walls, y = (a^-4 + b^-4)^(-1/4) [m], of the distances a and b.
 
-        a = W/2 - |x|, b = H/2 - |y|. Smooth across the diagonals; below min(a, b) by (a/b)^4/4 of it:
-        exact near a wall away from corners, 16 % low where a = b. |x| is rounded within 1e-3 W of
-        the planes x = 0 and y = 0 (5e-6 W elsewhere), and y is floored at 1e-9 of the half width.
+        a = W/2 - |x|, b = H/2 - |y|. Smooth across the diagonals; below min(a, b) by (a/b)^4/4 of
+        it: exact near a wall away from corners, 16 % low where a = b. The kinks of |x| and |y| are
+        rounded over 1e-3 W and 1e-3 H; a and b are floored at 1e-9 of the half sides.
         """
         sqrt, maximum, constant = _functions(x)
 
@@ -261,16 +272,14 @@ class Resolution:
     layout: str | None = None
 
     def __post_init__(self) -> None:
-        if isinstance(self.level, bool) or self.level not in range(1, 13):
-            raise InputError("numerics.level", self.level, "a whole number from 1 to 12")
+        _whole("numerics.level", self.level, 12)
         if self.size is not None:
             _positive("numerics.mesh_size", self.size)
         ratio = self.wall_ratio
-        if isinstance(ratio, (bool, str)) or not SMALLEST_RATIO <= ratio <= 1:
+        if not (_number(ratio) and SMALLEST_RATIO <= ratio <= 1):
             raise InputError("numerics.wall_grading", ratio, f"from {SMALLEST_RATIO:g} to 1")
         _choice("numerics.cells", self.cells, CELLS)
-        if self.order not in (1, 2):
-            raise InputError("order", self.order, "1 or 2")
+        _whole("order", self.order, 2)
 
     def core_size(self, geometry: Geometry) -> float:
         """Core cell size asked for [m]; raises InputError if the section cannot carry it."""
@@ -361,15 +370,16 @@ def write(
     level: int = 3,
     *,
     length: float | None = None,
-    layers: int = 1,
+    layers: int = 10,
     comm: MPI.Comm = MPI.COMM_WORLD,
     **resolution: Any,
 ) -> None:
     """Write the mesh to .msh (Gmsh 4.1, with names), .vtu or .xdmf + .h5.
 
-    .vtu holds cells and boundary facets with the tag of each as cell data "tag"; .xdmf the cells, and a
-    second file NAME_facets.xdmf the facets, which is the pair that DOLFINx reads. A length [m] writes
-    the extruded mesh. Collective. Raises InputError for another suffix or a missing directory.
+    .vtu holds cells and boundary facets with the tag of each as cell data "tag"; .xdmf the cells,
+    and a second file NAME_facets.xdmf the facets, which is the pair that DOLFINx reads. A length
+    [m] writes the extruded mesh. Collective. Raises InputError for another suffix or a missing
+    directory.
     """
     path = check_path(path)
     request = _Request(geometry, Resolution(level, **resolution), length, layers)
@@ -432,9 +442,9 @@ class _Request:
     def __post_init__(self) -> None:
         if self.length is not None:
             _positive("length", self.length)
-        if isinstance(self.layers, bool) or not isinstance(self.layers, int) or self.layers < 1:
-            raise InputError("layers", self.layers, "a whole number above 0")
-        self.constants  # noqa: B018  (raises on bad sizes and layouts)
+        _whole("layers", self.layers, 10**6)
+        self.resolution.core_size(self.geometry)
+        self.resolution.chosen_layout(self.geometry)
 
     @property
     def dim(self) -> int:
@@ -457,8 +467,9 @@ class _Request:
 
     @property
     def bends_diagonals(self) -> bool:
-        layout = self.resolution.chosen_layout(self.geometry)
-        return layout == "o-grid" and self.resolution.cells == "triangle" and self.resolution.order == 2
+        given = self.resolution
+        curved = given.chosen_layout(self.geometry) == "o-grid" and given.order == 2
+        return curved and given.cells == "triangle"
 
 
 def _import_gmsh() -> ModuleType:
@@ -488,7 +499,8 @@ def _session() -> Iterator[ModuleType]:
     gmsh = _import_gmsh()
     own = not gmsh.isInitialized()
     if own:
-        gmsh.initialize(readConfigFiles=False, interruptible=False)
+        with kept():
+            gmsh.initialize(readConfigFiles=False, interruptible=False)
     else:
         current = gmsh.model.getCurrent()
     options = {name: gmsh.option.getNumber(name) for name in GMSH_OPTIONS}
@@ -510,8 +522,7 @@ def _session() -> Iterator[ModuleType]:
 def _model(request: _Request) -> Iterator[ModuleType]:
     """Gmsh with the mesh of `request` as its current model."""
     with _session() as gmsh:
-        constants = request.constants
-        for name, value in constants.items():
+        for name, value in request.constants.items():
             gmsh.parser.setNumber(name, [value])
         try:
             gmsh.merge(str(_script(request.geometry.script)))
@@ -549,9 +560,10 @@ def _bend_diagonals(gmsh: ModuleType, dim: int) -> None:
 def _pairs(gmsh: ModuleType, dim: int) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
     """Nodes of the first and second triangles of the section's split quadrilaterals."""
     name = "fluid" if dim == 2 else "inlet"
-    groups = {gmsh.model.getPhysicalName(*group): group for group in gmsh.model.getPhysicalGroups(2)}
-    entities = gmsh.model.getEntitiesForPhysicalGroup(*groups[name])
-    nodes = [gmsh.model.mesh.getElements(2, entity)[2][0] for entity in entities]
+    model = gmsh.model
+    groups = {model.getPhysicalName(*group): group for group in model.getPhysicalGroups(2)}
+    entities = model.getEntitiesForPhysicalGroup(*groups[name])
+    nodes = [model.mesh.getElements(2, entity)[2][0] for entity in entities]
     triangles = np.concatenate(nodes).reshape(-1, 6)
     return triangles[0::2], triangles[1::2]
 
@@ -602,37 +614,28 @@ def _on_root(comm: MPI.Comm, work: Callable[[], Any]) -> Any:
 
 def _build(request: _Request, comm: MPI.Comm) -> Mesh:
     """Mesh of `request`, distributed over `comm`."""
-    with _distributable(request, comm) as (model, size):
+    with ExitStack() as stack:
+
+        def work() -> float:
+            gmsh = stack.enter_context(_model(request))
+            return float(gmsh.parser.getNumber("core_size")[0])
+
+        size = _on_root(comm, work)
         data = gmsh_io.model_to_mesh(
-            model,
+            _import_gmsh().model if comm.rank == 0 else None,
             comm,
             0,
             gdim=request.dim,
+            # Gmsh meshes come without ghosts, which interior-facet integrals need
             partitioner=create_cell_partitioner(GhostMode.shared_facet, 2),
         )
-    tags = {name: group.tag for name, group in data.physical_groups.items()}
     cells = data.mesh.topology.index_map(request.dim)
-    assert comm.size == 1 or comm.allreduce(cells.num_ghosts) > 0 or cells.size_global < 2 * comm.size
+    ghosts = comm.allreduce(cells.num_ghosts)
+    assert comm.size == 1 or ghosts > 0 or comm.allreduce(cells.size_local > 0) == 1
+    tags = {name: group.tag for name, group in data.physical_groups.items()}
     return Mesh(
         data.mesh, data.cell_tags, data.facet_tags, tags, request.geometry, size, request.length
     )
-
-
-@contextmanager
-def _distributable(request: _Request, comm: MPI.Comm) -> Iterator[tuple[Any, float]]:
-    """Gmsh model on rank 0 (None elsewhere) and the core cell size on every rank."""
-    opened = _model(request) if comm.rank == 0 else None
-
-    def work() -> tuple[float, ...]:
-        assert opened is not None
-        return tuple(opened.__enter__().parser.getNumber("core_size"))
-
-    size = _on_root(comm, work)[0]
-    try:
-        yield (None if opened is None else _import_gmsh().model), size
-    finally:
-        if opened is not None:
-            opened.__exit__(None, None, None)
 
 
 def _save(gmsh: ModuleType, path: Path, dim: int) -> None:
@@ -659,10 +662,11 @@ def _convert(source: Path, path: Path, dim: int) -> None:
     if path.suffix == ".vtu":
         _merged(mesh.points, parts["cells"] + parts["facets"]).write(path)
         return
-    # two columns: DOLFINx takes the dimension of space from them
+    # DOLFINx takes the dimension of space from the columns, and its wheel reads no compressed HDF5
     points = mesh.points[:, :dim]
-    _merged(points, parts["cells"]).write(path)
-    _merged(points, parts["facets"]).write(path.with_name(path.stem + "_facets.xdmf"))
+    plain: dict[str, Any] = {"compression": None, "compression_opts": None}
+    _merged(points, parts["cells"]).write(path, **plain)
+    _merged(points, parts["facets"]).write(path.with_name(path.stem + "_facets.xdmf"), **plain)
 
 
 def _merged(points: npt.NDArray[np.float64], blocks: list[tuple[Any, Any]]) -> Any:

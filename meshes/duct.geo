@@ -21,7 +21,10 @@ half() = {width / 2 - wall_offset, height / 2 - wall_offset};
 
 // Cells of a half side: as many as a size linear in the wall distance gives; the size is fitted to the
 // shorter side. Their growth by bisection: wall_size (1 + g + ... + g^(cells - 1)) = half side.
-wanted = (wall_ratio < 1 - 1e-6) ? Log(1 / wall_ratio) / (1 - wall_ratio) : 1;
+wanted = 1;
+If (wall_ratio < 1 - 1e-6)
+  wanted = Log(1 / wall_ratio) / (1 - wall_ratio);
+EndIf
 shorter = (half(0) < half(1)) ? half(0) : half(1);
 fitted = (wanted * shorter > 1.5 * size) ? Round(wanted * shorter / size) : 1;
 core_size = wanted * shorter / fitted;

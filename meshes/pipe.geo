@@ -37,7 +37,10 @@ If (layout == 0)
   // Layers: as many as a cell size linear in the wall distance gives.
   gap_axis = radius - core_axis;
   gap_corner = radius - core_corner;
-  wanted = (wall_ratio < 1 - 1e-6) ? Log(1 / wall_ratio) / (1 - wall_ratio) : 1;
+  wanted = 1;
+  If (wall_ratio < 1 - 1e-6)
+    wanted = Log(1 / wall_ratio) / (1 - wall_ratio);
+  EndIf
   layers = Ceil(wanted * gap_axis / core_size - 1e-3);
 
   // Growth of the layer thickness, by bisection: wall_size (1 + g + ... + g^(layers - 1)) = gap.
