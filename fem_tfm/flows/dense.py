@@ -183,6 +183,30 @@ def skipped(case: Case) -> list[str]:
     return left_out
 
 
+# a plastic law with a friction limit below this was hardly meant; a gas with Re above is turbulent
+PACKED, TURBULENT = 0.5, 4000.0
+
+
+def advice(case: Case) -> list[str]:
+    """What a user probably did not mean, one sentence each."""
+    said, laws, solids = [], case.closures, case.solids
+    if solids and laws.friction.name in ("schaeffer", "syamlal") and solids.friction_limit < PACKED:
+        said.append(
+            f"friction {laws.friction.name!r} makes a bed incompressible above solids.friction_limit"
+            f" = {solids.friction_limit:g}; set it to the packed fraction, such as 0.58"
+        )
+    gas, width = case.gas_material, case.geometry.hydraulic_diameter
+    reynolds = gas.density * case.operation.gas_superficial_velocity * width / gas.viscosity
+    if laws.turbulence.name == "laminar" and reynolds > TURBULENT:
+        said.append(f"the gas is taken as laminar at a Reynolds number of {reynolds:.3g}")
+    if laws.turbulence.name != "laminar" and case.walls.gas.name == "no-slip":
+        said.append(
+            "a turbulent gas with walls.gas = 'no-slip' needs cells of a few viscous lengths at the"
+            " wall; 'log-law' does not"
+        )
+    return said
+
+
 # -- the run -----------------------------------------------------------------------------------
 
 FILES = (
@@ -321,6 +345,8 @@ def run(
     if out is not None:
         on_root(comm, lambda: _prepare(case, out, overwrite))
     recorder = Recorder(case, out, progress, resume)
+    for sentence in advice(case):
+        progress.warn(sentence)
     try:
         solution = developed.solve(
             meshes(case),
@@ -493,6 +519,7 @@ def describe(case: Case) -> dict[str, Any]:
         "time": f"about {TIME_PER_UNKNOWN * unknowns + 1:.0f} s, and {COMPILE_TIME} s more to "
         "compile the forms if these closures are new on this machine",
         "inferred": list(case.inferred) or "nothing",
+        "warnings": advice(case) or "none",
     }
 
 
