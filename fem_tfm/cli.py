@@ -8,6 +8,7 @@ every rank ends with the same status. The verbs import what they need, so that -
 from __future__ import annotations
 
 import argparse
+import inspect
 import itertools
 import shutil
 import sys
@@ -139,8 +140,11 @@ def mesh(options: argparse.Namespace) -> None:
     _say(f"mesh written to {options.out}")
 
 
-def sweep(options: argparse.Namespace) -> None:
-    """Solve a case for every combination of the varied values; one table and one plot."""
+def sweep(options: argparse.Namespace) -> int:
+    """Solve a case for every combination of the varied values; one table and one plot.
+
+    A point that fails has its reason in the table, the others go on, and the status is 3.
+    """
     case = Case.load(options.case, options.set)
     vary = dict(parse_variation(text) for text in options.vary)
     # every combination is tried before the first run, so that a late one cannot spoil the study
@@ -150,7 +154,9 @@ def sweep(options: argparse.Namespace) -> None:
 
     from fem_tfm import sweep as study
 
-    _say(study.run(case, vary, out, options.jobs))
+    found = study.run(case, vary, out, options.jobs)
+    _say(found)
+    return NOT_SOLVED if found.failed else DONE
 
 
 def bench(options: argparse.Namespace) -> None:
@@ -269,8 +275,8 @@ def _parser() -> argparse.ArgumentParser:
 
 def _verb(verbs: Any, action: Callable[[argparse.Namespace], None]) -> argparse.ArgumentParser:
     """Add a verb named after its function and described by its docstring."""
-    text = (action.__doc__ or action.__name__).strip()
-    parser = verbs.add_parser(action.__name__, help=text, description=text)
+    text = inspect.cleandoc(action.__doc__ or action.__name__)
+    parser = verbs.add_parser(action.__name__, help=text.partition("\n")[0], description=text)
     parser.set_defaults(verb=action)
     return parser
 

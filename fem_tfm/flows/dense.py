@@ -192,8 +192,9 @@ def advice(case: Case) -> list[str]:
     said, laws, solids = [], case.closures, case.solids
     if solids and laws.friction.name in ("schaeffer", "syamlal") and solids.friction_limit < PACKED:
         said.append(
-            f"friction {laws.friction.name!r} makes a bed incompressible above solids.friction_limit"
-            f" = {solids.friction_limit:g}; set it to the packed fraction, such as 0.58"
+            f"friction {laws.friction.name!r} makes the bed incompressible above"
+            f" solids.friction_limit = {solids.friction_limit:g}; set it to the packed fraction,"
+            " such as 0.58"
         )
     gas, width = case.gas_material, case.geometry.hydraulic_diameter
     reynolds = gas.density * case.operation.gas_superficial_velocity * width / gas.viscosity

@@ -153,3 +153,37 @@ def solve(
         level = Level(section, history, float(section.drive.value), compiled, cpu)
         solution.levels.append(level)
     return solution
+
+
+def resolve(
+    solution: Solution,
+    setup: Setup,
+    tolerance: float,
+    max_steps: int,
+    observe: Callable[[dict[str, float]], None] | None = None,
+) -> Solution:
+    """Solve a neighbouring problem on the last two meshes of a solution, which is used up.
+
+    The setup has the structure of the old one and differs in numbers. The coarser mesh starts from
+    its old state, the finer one from its old state and the change of the coarser.
+
+    Raises
+    ------
+    SolverError
+        when a mesh does not reach its steady state from there; the solution is lost then.
+    """
+    found, coarser = Solution(), None
+    for old in solution.levels[-2:]:
+        section, cpu = old.section, time.process_time()
+        section.update(setup)
+        before = section.now.x.array.copy()
+        if coarser is not None:
+            start.follow(section, *coarser)
+        length = section.mesh.geometry.hydraulic_diameter
+        control = step_control(setup, length, tolerance, max_steps)
+        march = PseudoTime(section.newton, section.old, section.idt, control, observe)
+        history = march.run(first=control.largest)
+        coarser = section, before
+        drive, cpu = float(section.drive.value), time.process_time() - cpu
+        found.levels.append(Level(section, history, drive, 0.0, cpu))
+    return found

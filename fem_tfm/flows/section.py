@@ -9,7 +9,7 @@ momentum closes.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import basix.ufl
@@ -20,6 +20,7 @@ from dolfinx.la import InsertMode
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from fem_tfm.closures.base import Closure
 from fem_tfm.closures.materials import Gas, Solids
 from fem_tfm.fenics import compile_form
 from fem_tfm.mesh import Mesh
@@ -45,6 +46,30 @@ class Setup:
     gas_velocity: float
     feed: tuple[str, float] | None
     quadrature_degree: int = 5
+
+    @property
+    def structure(self) -> tuple[Any, ...]:
+        """What the forms depend on; setups that agree in it differ in numbers alone."""
+        laws = tuple(_structure(getattr(self.closures, f.name)) for f in fields(self.closures))
+        return self.solids is None, self.feed and self.feed[0], self.quadrature_degree, laws
+
+    def bound(self, wrap: Callable[[Any], Any]) -> tuple[Any, ...]:
+        """Gas, solids, closures, gravity, numerics with all numbers wrapped, in a fixed order."""
+        return (
+            self.gas.bound(wrap),
+            self.solids and self.solids.bound(wrap),
+            self.closures.bound(wrap),
+            wrap(self.gravity),
+            self.numerics.bound(wrap),
+        )
+
+
+def _structure(law: Any) -> Any:
+    """A law without its numbers; a plain switch is itself."""
+    if not isinstance(law, Closure):
+        return law
+    values = ((f.name, getattr(law, f.name)) for f in fields(law))
+    return type(law), tuple((k, v) for k, v in values if not isinstance(v, float))
 
 
 NAMES = ("u_g", "p", "u_s", "q", "tau")
@@ -84,20 +109,42 @@ class Section:
         self.drive = self._constant(0.0)
         self.source = self._constant(0.0)
         self.domain = self._domain()
-        self.model = TwoFluid(
-            setup.gas.bound(self._constant),
-            setup.solids and setup.solids.bound(self._constant),
-            setup.closures.bound(self._constant),
-            fem.Constant(mesh.mesh, np.array(setup.gravity, dtype=PETSc.ScalarType)),
-            setup.numerics.bound(self._constant),
-            DevelopedAxis(),
-            self.domain,
-        )
+        self._numbers: list[fem.Constant] = []
+        self.model = TwoFluid(*setup.bound(self._number), DevelopedAxis(), self.domain)
         self._dofs = [self._sub_dofs(i) for i in range(len(self.names))]
         self.newton = self._newton(progress)
 
-    def _constant(self, value: float) -> fem.Constant:
-        return fem.Constant(self.mesh.mesh, PETSc.ScalarType(value))
+    def _constant(self, value: Any) -> fem.Constant:
+        return fem.Constant(self.mesh.mesh, np.asarray(value, dtype=PETSc.ScalarType))
+
+    def _number(self, value: Any) -> fem.Constant:
+        """A constant that `update` changes."""
+        self._numbers.append(self._constant(value))
+        return self._numbers[-1]
+
+    def update(self, setup: Setup) -> None:
+        """Take over the numbers of a setup of the same structure; nothing is compiled or built.
+
+        Raises
+        ------
+        ValueError
+            the setup has other laws, another kind of feed or another quadrature.
+        """
+        if setup.structure != self.setup.structure:
+            raise ValueError("a section can take over numbers only, and this setup has other laws")
+        held = iter(self._numbers)
+
+        def renew(value: Any) -> fem.Constant:
+            constant = next(held)
+            constant.value = value
+            return constant
+
+        setup.bound(renew)
+        self.domain.wall_offset.value = setup.wall_offset
+        self.setup = setup
+        for border, target in zip(self.newton.borders, self._targets(), strict=True):
+            border.target.value = target
+        self.newton.blocks = self._blocks()
 
     def _domain(self) -> Domain:
         mesh, degree = self.mesh.mesh, self.setup.quadrature_degree
@@ -174,22 +221,28 @@ class Section:
         now, test, dx = self.state(self.now), self._test(), self.domain.dx
         alpha = self.model.alpha(now)
         self.area = self.integral(self._constant(1.0))
-        # fluxes are those of the true section: the mesh's misses a sliver along a curved wall
-        true_area = self.mesh.geometry.meshed_area
-        gas_flux = self.setup.gas_velocity * true_area
+        targets = self._targets()
         gas_column = -(1 - alpha) * test.u_g[2] * dx
         if self.setup.solids is None:
-            return [self._border(self.drive, gas_column, now.u_g[2] * dx, gas_flux)]
+            return [self._border(self.drive, gas_column, now.u_g[2] * dx, targets[0])]
         column = gas_column - alpha * test.u_s[2] * dx
-        kind, value = self.setup.feed
-        if kind == "holdup":
-            held, target = alpha * dx, value * self.area
-        else:
-            held, target = alpha * now.u_s[2] * dx, value * true_area
+        carried = alpha * dx if self.setup.feed[0] == "holdup" else alpha * now.u_s[2] * dx
         return [
-            self._border(self.drive, column, (1 - alpha) * now.u_g[2] * dx, gas_flux),
-            self._border(self.source, -alpha * test.q * dx, held, target),
+            self._border(self.drive, column, (1 - alpha) * now.u_g[2] * dx, targets[0]),
+            self._border(self.source, -alpha * test.q * dx, carried, targets[1]),
         ]
+
+    def _targets(self) -> list[float]:
+        """Gas flux, and hold-up or solids flux, of the meshed part of the section.
+
+        Fluxes are those of the true section: the mesh's misses a sliver along a curved wall.
+        """
+        setup, true_area = self.setup, self.mesh.geometry.meshed_area
+        targets = [setup.gas_velocity * true_area]
+        if setup.feed:
+            kind, value = setup.feed
+            targets.append(value * (self.area if kind == "holdup" else true_area))
+        return targets
 
     def _border(
         self, multiplier: fem.Constant, column: Any, constraint: Any, target: float

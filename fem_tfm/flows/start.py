@@ -69,7 +69,8 @@ def _set_axial(section: Section, i: int, values: np.ndarray) -> None:
 
 
 def _strong_zero(section: Section) -> None:
-    fem.set_bc(section.now.x.array, section.newton.bcs)
+    for bc in section.newton.bcs:
+        bc.set(section.now.x.array)
     section.now.x.scatter_forward()
 
 
@@ -77,6 +78,24 @@ def warm(section: Section, source: Section) -> None:
     """The answer of another mesh of the same problem, with its multipliers."""
     for i in range(len(section.names)):
         transfer_field(source, section, i)
+    section.drive.value = float(source.drive.value)
+    section.source.value = float(source.source.value)
+    _strong_zero(section)
+
+
+def follow(section: Section, source: Section, before: np.ndarray) -> None:
+    """Add to a section's state how the state of a coarser one has changed since `before`.
+
+    The difference of two meshes hardly depends on the numbers of the problem, so that this start is
+    far closer than either mesh's own state.
+    """
+    after = source.now.x.array.copy()
+    state = section.now.x.array.copy()
+    source.now.x.array[:] = after - before
+    for i in range(len(section.names)):
+        transfer_field(source, section, i)
+    source.now.x.array[:] = after
+    section.now.x.array[:] += state
     section.drive.value = float(source.drive.value)
     section.source.value = float(source.source.value)
     _strong_zero(section)

@@ -233,14 +233,16 @@ class TwoFluid:
         return self.closures.drag.beta(self.alpha(state), speed, self.gas, self.solids)
 
     def gas_viscosity(self, state: State) -> Expr:
-        """mu_g,eff = mu_g + mu_t [Pa s]."""
+        """mu_g,eff = mu_g + mu_t [Pa s], of the stretched profile where a wall law stretches it."""
         strain = deviatoric_strain(self.axis.jacobian(state.u_g))
         shear = ufl.sqrt(2 * ufl.inner(strain, strain) + self.numerics.shear_floor**2)
-        distance = self.domain.wall_distance + self.domain.wall_offset
-        mu_t = self.closures.turbulence.eddy_viscosity(
-            shear, distance, self.gas, self.domain.radius
+        height, slope = self.closures.gas_wall.stretched(
+            self.domain.wall_distance, self.domain.wall_offset
         )
-        return self.gas.viscosity + mu_t
+        mu_t = self.closures.turbulence.eddy_viscosity(
+            shear / slope, height, self.gas, self.domain.radius
+        )
+        return (self.gas.viscosity + mu_t) / slope
 
     def numerical_flux(self, state: State) -> Expr:
         """Volume flux of the solids by the diffusion of q, -alpha_diffusion grad q [m/s]."""
@@ -376,7 +378,9 @@ class TwoFluid:
         """c u_t per unit of gas fraction, minus the traction of the wall on the gas [Pa]."""
         slip = self.tangential(state.u_g)
         speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
-        return self.closures.gas_wall.friction(speed, self.domain.wall_offset, self.gas) * slip
+        law = self.closures.gas_wall
+        height = law.height(self.domain.wall_offset, self.domain.diameter)
+        return law.friction(speed, height, self.gas) * slip
 
     def wall_terms(
         self, u: Expr, v: Expr, traction: Expr, stress: Expr, viscosity: Expr, density: Expr

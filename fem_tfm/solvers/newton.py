@@ -26,6 +26,8 @@ _COUNTER = iter(range(1 << 30))
 REFINEMENTS = 1
 # step lengths below this are a failure; corrections of this size are noise
 SHORTEST, ROUND_OFF = 0.01, 1e-8
+# polishing: each correction at most this share of the one before, and at most so many
+CONTRACTION, MOST_POLISHES = 0.3, 8
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,8 @@ class Block:
 
     dofs : owned local indices
     scale : typical size, so that update/scale is relative
-    limit : largest change of one unknown in one step (for logarithms), or None
+    limit : for logarithms, the largest change of one unknown in one step, or None; corrections d
+        are taken as sign(d) ln(1 + |d|), which for growth is Newton's step of the exponential
     """
 
     name: str
@@ -203,13 +206,13 @@ class BorderedNewton:
         """
         self._factor()
         start = self._position()
-        change = self._correction()
+        change = self._tamed(self._correction())
         size = self._sizes(change)
-        length = min(1.0, self._longest(change))
+        length = 1.0
         while True:
             self._move(start, change, length)
             try:
-                follow = self._correction()
+                follow = self._tamed(self._correction())
                 rest = self._sizes(follow)
             except LinearSolveError:
                 rest = {"": math.inf}
@@ -220,8 +223,28 @@ class BorderedNewton:
                 self._move(start, change, 0.0)
                 raise LinearSolveError("no step length brings Newton closer to a solution")
         if length == 1.0:
-            self._move(self._position(), follow, min(1.0, self._longest(follow)))
+            self._move(self._position(), follow, 1.0)
         return Update(size, max(rest.values()), length)
+
+    def polish(self, tolerance: float, size: float = math.inf) -> tuple[float, float]:
+        """Corrections with the last factorisation until they are below `tolerance`.
+
+        It ends early where they do not shrink fast enough.
+
+        size : of the correction before the first one
+        Returns the sizes of the first and of the last correction that was made.
+        """
+        first = math.inf
+        for _ in range(MOST_POLISHES):
+            change = self._tamed(self._correction())
+            found = max(self._sizes(change).values())
+            if found > max(CONTRACTION * size, tolerance):
+                break
+            self._move(self._position(), change, 1.0)
+            first, size = (found if math.isinf(first) else first), found
+            if size <= tolerance:
+                break
+        return first, size
 
     def _factor(self) -> None:
         self.matrix.zeroEntries()
@@ -295,14 +318,17 @@ class BorderedNewton:
             raise LinearSolveError("the Newton step is not finite")
         return sizes
 
-    def _longest(self, change: tuple[np.ndarray, np.ndarray]) -> float:
-        """Share of a correction that keeps every limited block within its limit."""
-        share = math.inf
+    def _tamed(self, change: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """A correction whose limited blocks are saturated, unknown by unknown.
+
+        One unknown that is far off then does not shorten the step of all others.
+        """
         for block in self.blocks:
             if block.limit is not None:
-                peak = self.comm.allreduce(np.abs(change[0][block.dofs]).max(initial=0.0), MPI.MAX)
-                share = min(share, block.limit / max(peak, 1e-300))
-        return share
+                raw = change[0][block.dofs]
+                mild = np.copysign(np.log1p(np.abs(raw)), raw)
+                change[0][block.dofs] = np.clip(mild, -block.limit, block.limit)
+        return change
 
     def _rms(self, values: np.ndarray) -> float:
         total = self.comm.allreduce(np.array([np.dot(values, values), values.size]))

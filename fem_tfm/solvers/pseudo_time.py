@@ -98,7 +98,7 @@ class PseudoTime:
             dt = self._accepted_step(dt, history)
             row = history.rows[-1]
             self.observe(row)
-            if self._settled(row):
+            if self._settled(row) or self._confirmed(row, history):
                 return history
             dt = min(dt * self._growth(row), control.largest)
         raise SolverError(
@@ -114,6 +114,24 @@ class PseudoTime:
         tolerance, quick = self.control.tolerance, row["iterations"] == 1
         steady = row["dt"] >= self.control.largest and row["change"] <= STEP_ALLOWANCE * tolerance
         return quick and steady and row["update"] <= tolerance
+
+    def _confirmed(self, row: dict[str, float], history: History) -> bool:
+        """Whether a step of the largest dt with the factors at hand moves nothing any more."""
+        tolerance, dt = self.control.tolerance, row["dt"]
+        if dt < self.control.largest or row["update"] > tolerance:
+            return False
+        self._keep()
+        try:
+            change, update = self.newton.polish(tolerance)
+        except LinearSolveError:
+            change = update = math.inf
+        row = {"dt": dt, "iterations": 1, "update": update, "change": change}
+        if not self._settled(row):
+            self._restore()
+            return False
+        history.update = update
+        history.rows.append(row)
+        return True
 
     def _growth(self, row: dict[str, float]) -> float:
         """Factor on dt: by effort far from the steady state, by the update close to it."""
@@ -146,15 +164,22 @@ class PseudoTime:
         return dt
 
     def _step(self, dt: float) -> dict[str, float]:
-        control, x = self.control, self.newton.unknowns.x.array
-        self.old.x.array[:] = x
-        self._multipliers = [float(b.multiplier.value) for b in self.newton.borders]
+        control = self.control
+        self._keep()
         self.idt.value = 1.0 / dt
         for iteration in range(1, control.max_iterations + 1):
             update = self.newton.step()
             if update.length == 1.0 and update.rest <= control.loose:
-                return {"iterations": iteration, "update": update.rest, "change": update.size}
+                rest = update.rest
+                if dt >= control.largest and rest > control.tolerance:
+                    rest = self.newton.polish(control.tolerance, rest)[1]
+                return {"iterations": iteration, "update": rest, "change": update.size}
         raise LinearSolveError(f"no convergence in {control.max_iterations} Newton iterations")
+
+    def _keep(self) -> None:
+        """Remember the present state as the last accepted one."""
+        self.old.x.array[:] = self.newton.unknowns.x.array
+        self._multipliers = [float(b.multiplier.value) for b in self.newton.borders]
 
     def _restore(self) -> None:
         self.newton.unknowns.x.array[:] = self.old.x.array

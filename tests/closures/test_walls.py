@@ -195,10 +195,10 @@ def test_log_law_blend_is_below_both_branches_and_monotonic(air):
     assert np.all(friction >= air.viscosity / 1e-3)
     assert np.all(np.diff(friction) > -1e-15)
     assert np.all(np.diff(friction * speed) > 0)
-    # at the crossing of the branches y+ = 11.5 the blend gives 2^(-1/4) of either
+    # at the crossing of the branches y+ = 11.5 the blend gives 2^(-1/n) of either
     crossing = 11.445
     u_plus, _ = wall_units(law, air, crossing**2)
-    assert u_plus == pytest.approx(crossing * 2**-0.25, rel=1e-2)
+    assert u_plus == pytest.approx(crossing * 2 ** (-1 / law.n), rel=1e-2)
 
 
 def test_sharper_blend_is_closer_to_the_branches(air):
@@ -219,3 +219,41 @@ def test_gas_walls_are_finite_and_differentiable(agree, smooth, name, nitrogen):
     if name == "log-law":
         assert agree(friction, 0.0, 1e-4) == pytest.approx(nitrogen.viscosity / 1e-4)
         assert agree(friction, 7.0, 1e-4) > 0.5
+
+
+def test_log_law_stretches_the_profile_within_three_distances(agree, smooth):
+    law, offset = make("gas-wall", "log-law"), 2e-4
+
+    def height(y):
+        return law.stretched(y, offset)[0]
+
+    def slope(y):
+        return law.stretched(y, offset)[1]
+
+    assert agree(height, 0.0) == pytest.approx(offset)
+    assert agree(slope, 0.0) == pytest.approx(1 / 3)
+    for y in (0.0, 1e-4, 3e-4, 5.9e-4):
+        step = 1e-9
+        assert agree(slope, y) == pytest.approx((height(y + step) - height(y)) / step, rel=1e-4)
+    for y in (6e-4, 1e-3, 5e-3):
+        assert agree(height, y) == y
+        assert agree(slope, y) == 1.0
+    smooth(height, [1e-4], difference=True)
+
+
+@pytest.mark.parametrize("name", ["no-slip", "free-slip"])
+def test_other_gas_walls_leave_the_profile_where_it_is(name):
+    law = make("gas-wall", name)
+    assert law.stretched(1e-3, 2e-4) == (1e-3, 1.0)
+
+
+def test_height_of_the_log_law_makes_up_for_the_flux_of_the_strip():
+    """Flux of ln y' over the strip less that of ln y, times perimeter over area, is ln(y_p/h)."""
+    law, offset, diameter = make("gas-wall", "log-law"), 1e-4, 1e-2
+    y = (np.arange(200000) + 0.5) / 200000 * 3 * offset
+    stretched = np.array(law.stretched(y, offset)[0])
+    excess = np.mean(np.log(stretched / y)) * 3 * offset * 4 / diameter
+    drop = math.log(offset / law.height(offset, diameter))
+    assert drop == pytest.approx(excess, rel=0.15)
+    viscous = np.mean(stretched - y) * 3 * offset * 4 / diameter
+    assert offset - law.height(offset, diameter) == pytest.approx(viscous, rel=0.25)
