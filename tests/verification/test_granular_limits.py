@@ -1,0 +1,195 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Closed forms of kinetic theory, found by the forms: simple shear and homogeneous cooling."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import problems
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import CellType
+
+from fem_tfm.closures import make
+from fem_tfm.closures.materials import Gas, Solids
+from fem_tfm.fenics import compile_form
+from fem_tfm.flows.dense import setup_of
+from fem_tfm.models.axis import DevelopedAxis
+from fem_tfm.models.two_fluid import State, TwoFluid
+from fem_tfm.solvers.newton import Block, BorderedNewton
+from fem_tfm.solvers.pseudo_time import PseudoTime, StepControl
+
+DIAMETER, SHEAR = 1e-3, 40.0
+# e, alpha_s: Theta/(d rate)^2, p/(rho_s d^2 rate^2), tau/(rho_s d^2 rate^2) of Lun's energy balance
+# mu rate^2 = gamma with Gidaspow's viscosity and the radial distribution of Carnahan and Starling
+TABLE = {
+    (0.80, 0.1): (3.829, 0.5625, 0.2380),
+    (0.80, 0.3): (0.6598, 0.7277, 0.2913),
+    (0.80, 0.5): (0.4657, 2.748, 1.162),
+    (0.90, 0.1): (7.052, 1.054, 0.3139),
+    (0.90, 0.3): (1.287, 1.477, 0.4188),
+    (0.90, 0.5): (0.9261, 5.742, 1.720),
+    (0.95, 0.1): (13.56, 2.046, 0.4297),
+    (0.95, 0.3): (2.544, 2.976, 0.5973),
+    (0.95, 0.5): (1.848, 11.73, 2.487),
+}
+
+
+class Cell:
+    """The granular energy alone, in a shear u_z = rate y between frictionless walls, no gas.
+
+    Parameters
+    ----------
+    theta : "transport" or "algebraic"
+    """
+
+    def __init__(self, theta: str) -> None:
+        mesh, domain = problems.square(2, 5, CellType.triangle)
+        laws = replace(
+            setup_of(problems.demo()).closures,
+            radial=make("radial", "carnahan-starling"),
+            friction=make("friction", "none"),
+            solids_wall=make("solids-wall", "free-slip"),
+            theta=theta,
+        )
+        self.numerics = problems.plain_numerics(alpha_diffusion=0.0, theta_floor=0.0)
+        # gas so thin that it neither heats nor cools: 3 beta/gamma is below 1e-12
+        model = TwoFluid(
+            problems.constants(mesh, Gas(1e-12, 1e-20)),
+            problems.constants(mesh, Solids(2500.0, DIAMETER)),
+            problems.constants(mesh, laws),
+            fem.Constant(mesh, np.zeros(3)),
+            problems.constants(mesh, self.numerics),
+            DevelopedAxis(),
+            domain,
+        )
+        self.solids = model.solids
+        self.rate, self.q, self.idt, rest = (fem.Constant(mesh, 0.0) for _ in range(4))
+        space = fem.functionspace(mesh, ("Lagrange", 2))
+        self.tau, self.old = fem.Function(space), fem.Function(space)
+        y = ufl.SpatialCoordinate(mesh)[1]
+        velocity = ufl.as_vector((rest, rest, self.rate * y))
+        now, old = (State(velocity, rest, velocity, self.q, t) for t in (self.tau, self.old))
+        test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
+        form = model.granular_energy(now, old, test, self.idt)
+        self.newton = BorderedNewton(
+            compile_form(form),
+            compile_form(ufl.derivative(form, self.tau, trial)),
+            self.tau,
+            [],
+            [],
+            [Block("tau", np.arange(self.tau.x.array.size), 1.0, 1.5)],
+        )
+        solid = model.solid(now)
+        self.stress = compile_form(solid.stress()[1, 2] * domain.dx)
+        self.pressure = compile_form(solid.pressure * domain.dx)
+        self.sink = compile_form(solid.kinetic.dissipation * test * domain.dx)
+
+    def prescribe(self, e: float, alpha: float, rate: float) -> None:
+        """Material and shear of a run."""
+        self.solids.restitution.value, self.rate.value = e, rate
+        self.q.value = math.log(alpha / (float(self.solids.packing_limit) - alpha))
+
+    def scaled_residual(self) -> float:
+        """Largest residual over the largest dissipation."""
+        sink = fem.assemble_vector(self.sink).array
+        return float(np.abs(self.newton.assemble_residual()).max() / np.abs(sink).max())
+
+
+@cache
+def cell(theta: str = "transport") -> Cell:
+    """One set of forms for all runs."""
+    return Cell(theta)
+
+
+def radial(alpha: float) -> float:
+    """Carnahan and Starling's g0."""
+    return (1 - alpha / 2) / (1 - alpha) ** 3
+
+
+def sheared(e: float, alpha: float) -> tuple[float, float, float]:
+    """Theta, p and tau of simple shear over (d rate)^2 and rho_s (d rate)^2, from mu rate^2 = J."""
+    g0 = radial(alpha)
+    mu = 0.8 * alpha**2 * g0 * (1 + e) / math.sqrt(math.pi)
+    mu += 10 * math.sqrt(math.pi) / (96 * (1 + e) * g0) * (1 + 0.8 * g0 * alpha * (1 + e)) ** 2
+    loss = 12 * (1 - e**2) * g0 * alpha**2 / math.sqrt(math.pi)
+    theta = mu / loss
+    return theta, alpha * theta * (1 + 2 * (1 + e) * alpha * g0), mu * math.sqrt(theta)
+
+
+@pytest.mark.parametrize(("e", "alpha"), TABLE)
+def test_simple_shear_has_no_residual(e: float, alpha: float) -> None:
+    """At the closed form the granular energy balances, and 1 % off it does not."""
+    found, wanted = cell(), sheared(e, alpha)
+    assert wanted == pytest.approx(TABLE[e, alpha], rel=5e-4)
+    found.prescribe(e, alpha, SHEAR)
+    found.idt.value = 0.0
+    found.tau.x.array[:] = math.log(wanted[0] * (DIAMETER * SHEAR) ** 2)
+    assert found.scaled_residual() < 1e-10
+    found.tau.x.array[:] += 0.01
+    # production ~ Theta^0.5, dissipation ~ Theta^1.5: the balance is off by as much as Theta
+    assert found.scaled_residual() == pytest.approx(0.01, rel=0.02)
+
+
+@pytest.mark.parametrize("theta", ["transport", "algebraic"])
+@pytest.mark.parametrize(("e", "alpha"), TABLE)
+def test_simple_shear_is_found(e: float, alpha: float, theta: str) -> None:
+    """From a cold and uneven start the granular energy finds Theta, p and tau of the table."""
+    found, wanted = cell(theta), sheared(e, alpha)
+    found.prescribe(e, alpha, SHEAR)
+    found.tau.interpolate(lambda x: np.log(1e-5) + 2 * x[0] - x[1])
+    # below a third of the answer Newton alone runs away, as production grows faster than loss
+    control = StepControl(first=1 / SHEAR, smallest=1e-6, largest=1e8)
+    PseudoTime(found.newton, found.old, found.idt, control).run()
+    tau = found.tau.x.array
+    scale = (DIAMETER * SHEAR) ** 2
+    assert np.exp(tau) / scale == pytest.approx(wanted[0], rel=1e-9)
+    pressure, stress = (fem.assemble_scalar(f) for f in (found.pressure, found.stress))
+    scale *= float(found.solids.density)
+    assert (pressure / scale, stress / scale) == pytest.approx(wanted[1:], rel=1e-9)
+
+
+THETA_0 = 0.01
+
+
+def haff_constant(e: float, alpha: float) -> float:
+    """C of dTheta/dt = -C Theta^1.5 [1/m]."""
+    return 8 * (1 - e**2) * radial(alpha) * alpha / (DIAMETER * math.sqrt(math.pi))
+
+
+def cooled(time: float, steps: int) -> float:
+    """Theta after implicit Euler steps of the form at rest."""
+    found = cell()
+    found.idt.value = steps / time
+    found.tau.x.array[:] = math.log(THETA_0)
+    for _ in range(steps):
+        found.old.x.array[:] = found.tau.x.array
+        problems.newton(found.newton)
+    tau = found.tau.x.array
+    assert np.ptp(tau) < 1e-9
+    return float(np.exp(tau[0]))
+
+
+@pytest.mark.parametrize(("e", "alpha", "tabled"), [(0.9, 0.1, 111.8), (0.8, 0.3, 1208.0)])
+def test_homogeneous_cooling(e: float, alpha: float, tabled: float) -> None:
+    """Haff's law: Theta_0/(1 + t/tau)^2 at first order in dt, and within 0.1 % in its limit."""
+    constant = haff_constant(e, alpha)
+    assert constant == pytest.approx(tabled, rel=1e-3)
+    cell().prescribe(e, alpha, 0.0)
+    time = 2 * 2 / (constant * math.sqrt(THETA_0))
+    wanted = THETA_0 / (1 + 2) ** 2
+    found = np.array([cooled(time, steps) for steps in (40, 80, 160)])
+    errors = found / wanted - 1
+    orders = np.log2(errors[:-1] / errors[1:])
+    assert orders == pytest.approx(1.0, abs=0.05)
+    assert 2 * found[2] - found[1] == pytest.approx(wanted, rel=1e-3)
+
+
+def test_elastic_grains_do_not_cool() -> None:
+    """e = 1 keeps Theta."""
+    cell().prescribe(1.0, 0.3, 0.0)
+    assert cooled(1.0, 3) == pytest.approx(THETA_0, rel=1e-12)
