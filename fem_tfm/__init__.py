@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """fem_tfm: gas-solid flow in pneumatic conveying by finite elements.
 
+In Python::
+
     from fem_tfm import Case
+
     result = Case.load("demos/dense_pipe/case3.toml").run()
     result["pressure_gradient"]
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 import time
+import tomllib
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
@@ -227,7 +228,7 @@ COLUMNS = {
 WARNED = ("update", "pressure_gradient", "max_alpha_s", "max_theta")
 
 
-class Recorder:
+class Recorder(developed.Observer):
     """What a run tells and keeps while it works: progress, monitor.csv, checkpoint.
 
     Parameters
@@ -245,7 +246,8 @@ class Recorder:
         self.comm = MPI.COMM_WORLD
         self.seconds = {"setup": 0.0, "compile": 0.0, "solve": 0.0, "output": 0.0}
         self.section: Section | None = None
-        self.level = self.levels = self.steps = 0
+        self.level = self.steps = 0
+        self._begun: tuple[Section, int, int] | None = None
         self.monitor: Monitor | None = None
         self._file: TextIO | None = None
         self._began = self._lap = time.perf_counter()
@@ -267,16 +269,16 @@ class Recorder:
         self._lap = now
 
     def compiling(self, what: str) -> None:
-        """Tell which form is compiled, on the first mesh: later ones find it in the cache."""
+        """Tell which form is prepared, on the first mesh: later ones find it in the cache."""
         if what == "residual":
-            self.lap("setup" if self.section is None else "solve")
-        if self.section is None:
-            self.progress.stage(f"compiling the {what} (cached for the next run)")
+            self.lap("setup" if self._begun is None else "solve")
+        if self._begun is None:
+            self.progress.stage(f"forms: {what} (compiled once for each choice of closures)")
 
     def begin(self, section: Section, level: int, levels: int) -> None:
         """A mesh is ready."""
         self.lap("compile")
-        self.section, self.level, self.levels = section, level, levels
+        self._begun = section, level, levels
         cells = section.mesh.num_cells
         text = f"mesh {level + 1} of {levels}: {cells} cells, {section.dofs} unknowns"
         self.progress.stage(text)
@@ -284,6 +286,8 @@ class Recorder:
 
     def step(self, row: dict[str, float]) -> None:
         """A row of the monitor and the early-warning line."""
+        # only now does the new mesh hold a state worth keeping
+        self.section, self.level, levels = self._begun
         self.steps += 1
         values = {name: row[name] for name in ("dt", "iterations", "update")}
         values |= {"step": self.steps, "level": self.level + 1}
@@ -291,22 +295,26 @@ class Recorder:
         if self.monitor is not None:
             self.monitor.write(values)
         warning = ", ".join(f"{n} {values[n]:.4g}" for n in WARNED if n in values)
-        self.progress.update(self._fraction(row["dt"]), warning)
+        self.progress.update(self._fraction(row["dt"], levels), warning)
         self.log(f"step {self.steps}: dt {row['dt']:.3g} s, {warning}")
 
-    def _fraction(self, dt: float) -> float:
+    def retry(self, dt: float, reason: str) -> None:
+        """A line of the log for a step taken back."""
+        self.log(f"taken back: {reason}; dt {dt:.3g} s")
+
+    def _fraction(self, dt: float, levels: int) -> float:
         """Share of the work done, from the decades of dt that are behind on this mesh."""
         unit = self.case.geometry.hydraulic_diameter / self.case.operation.gas_superficial_velocity
         first, last = (math.log(c * unit) for c in (developed.FIRST_STEP, developed.LARGEST_STEP))
         share = min(max((math.log(dt) - first) / (last - first), 0.0), 1.0)
-        return (self.level + 0.9 * share) / self.levels
+        return (self.level + 0.9 * share) / levels
 
     def save(self) -> None:
         """Keep the last accepted state, also when a step was cut short."""
         section = self.section
-        if self.out is None or section is None or self.steps == 0:
+        if self.out is None or section is None:
             return
-        section.newton.unknowns.x.array[:] = section.old.x.array
+        section.now.x.array[:] = section.old.x.array
         self.save_final()
 
     def save_final(self) -> None:
@@ -316,6 +324,7 @@ class Recorder:
             return
         numbers = {
             "level": self.level,
+            "steps": self.steps,
             "drive": float(section.drive.value),
             "source": float(section.source.value),
         }
@@ -342,10 +351,12 @@ def run(
         no steady state was reached; the last good state and the reason are in `out`.
     """
     comm = MPI.COMM_WORLD
-    restart = _restart(case, out) if resume else None
+    if resume:
+        _check_resumable(case, out)
     if out is not None:
         on_root(comm, lambda: _prepare(case, out, overwrite))
     recorder = Recorder(case, out, progress, resume)
+    restart = _restart(case, out, recorder) if resume else None
     for sentence in advice(case):
         progress.warn(sentence)
     try:
@@ -374,7 +385,7 @@ def _keep(case: Case, recorder: Recorder, status: str, reason: str) -> None:
     """Write what an unfinished run has: its last accepted state and why it stopped."""
     result = _result(case, status, recorder, reason)
     recorder.log(f"{status}: {reason}")
-    if recorder.steps:
+    if recorder.section is not None:
         recorder.save()
         _write_fields(case, recorder.section, result, recorder)
     _write(result, recorder)
@@ -389,14 +400,10 @@ def _prepare(case: Case, out: Path, overwrite: bool) -> None:
     write_text(out / "case.toml", case.dump())
 
 
-def _restart(case: Case, out: Path) -> tuple[int, Any]:
-    """Mesh to go on with and how to put the stored state on it; the case must be the same."""
-    stored = MPI.COMM_WORLD.bcast(_stored_case(out) if MPI.COMM_WORLD.rank == 0 else None)
-    if stored != case.dump():
-        raise InputError("--resume", str(out), "the directory of a run of this very case")
+def _restart(case: Case, out: Path, recorder: Recorder) -> tuple[int, Any]:
+    """Mesh to go on with and how to put the stored state on it."""
     numbers = checkpoint.numbers(out)
-    if not numbers:
-        raise InputError("--resume", str(out), "a directory that holds a checkpoint")
+    recorder.steps = int(numbers["steps"])
 
     def restore(section: Section) -> None:
         fields = {name: section.unknown(name) for name in section.names}
@@ -408,9 +415,33 @@ def _restart(case: Case, out: Path) -> tuple[int, Any]:
     return int(numbers["level"]), restore
 
 
-def _stored_case(out: Path) -> str | None:
-    path = out / "case.toml"
-    return path.read_text(encoding="utf-8") if path.exists() else None
+# keys that a resumed run may change
+FREE_TO_CHANGE = ("title", "inferred", "reference", "output", "numerics.max_steps")
+
+
+def _check_resumable(case: Case, out: Path) -> None:
+    """Refuse to go on with another case, or without a state to go on from."""
+    if not checkpoint.numbers(out):
+        raise InputError("--resume", str(out), "a directory that holds a checkpoint")
+    stored = tomllib.loads((out / "case.toml").read_text(encoding="utf-8"))
+    changed = sorted(_flat(stored).items() ^ _flat(tomllib.loads(case.dump())).items())
+    keys = {key for key, _ in changed if not key.startswith(FREE_TO_CHANGE)}
+    if keys:
+        allowed = (
+            f"the directory of a run of this very case; different are {', '.join(sorted(keys))}"
+        )
+        raise InputError("--resume", str(out), allowed)
+
+
+def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, str]:
+    """Dotted keys and the text of their values."""
+    flat = {}
+    for key, value in table.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = repr(value)
+    return flat
 
 
 def _finish(case: Case, solution: developed.Solution, recorder: Recorder) -> Result:

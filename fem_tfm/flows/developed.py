@@ -10,7 +10,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import start
@@ -69,41 +68,46 @@ def step_control(setup: Setup, length: float, tolerance: float, max_steps: int) 
     )
 
 
-class Observer(Protocol):
-    """What a solve tells while it works."""
+class Observer:
+    """What a solve tells while it works; this one keeps it to itself."""
 
     def compiling(self, what: str) -> None:
         """A form is about to be compiled."""
-        ...
 
     def begin(self, section: Section, level: int, levels: int) -> None:
         """Mesh number `level` of `levels` is ready to be solved on."""
-        ...
 
     def step(self, row: dict[str, float]) -> None:
         """A pseudo-time step was accepted."""
-        ...
+
+    def retry(self, dt: float, reason: str) -> None:
+        """A step was taken back and is tried again with `dt` [s]."""
+
+
+QUIET = Observer()
 
 
 def solve_level(
-    section: Section,
-    control: StepControl,
-    previous: Section | None,
-    observe: Callable[[dict[str, float]], None] | None = None,
+    section: Section, control: StepControl, previous: Section | None, observer: Observer = QUIET
 ) -> History:
-    """Steady state of one section from a cold start, or from a coarser section's answer.
+    """Steady state of one section from a cold start, or from another mesh's answer.
 
     A warm start takes the largest step at once; if it gets nowhere the section starts cold.
     """
-    march = PseudoTime(section.newton, section.old, section.idt, control, observe)
+    march = _march(section, control, observer)
     if previous is not None:
         start.warm(section, previous)
         try:
             return march.run(first=control.largest)
-        except SolverError:
-            pass
+        except SolverError as error:
+            observer.retry(control.first, f"{error}; cold start")
     start.cold(section)
     return march.run()
+
+
+def _march(section: Section, control: StepControl, observer: Observer) -> PseudoTime:
+    parts = section.newton, section.old, section.idt
+    return PseudoTime(*parts, control, observer.step, observer.retry)
 
 
 def solve(
@@ -116,33 +120,33 @@ def solve(
 ) -> Solution:
     """Solve on each mesh in turn, coarse to fine.
 
-    restart : number of the mesh to begin with, and what puts a stored state on it
+    restart : number of a mesh and what puts a stored state on it; the mesh before it is solved
+        again from that state, so that there is an error estimate
 
     Raises
     ------
     SolverError
         when the finest mesh does not reach its steady state.
     """
-    solution = Solution()
-    begin, restore = restart or (0, None)
-    for i in range(begin, len(meshes)):
-        mesh = meshes[i]()
-        control = step_control(setup, mesh.geometry.hydraulic_diameter, tolerance, max_steps)
+    solution, stored, built = Solution(), None, {}
+    if restart is not None:
+        built[restart[0]] = stored = Section(meshes[restart[0]](), setup, observer.compiling)
+        restart[1](stored)
+    for i in range(max(restart[0] - 1, 0) if restart else 0, len(meshes)):
+        began = time.perf_counter()
+        section = built.get(i) or Section(meshes[i](), setup, observer.compiling)
+        compiled, cpu = time.perf_counter() - began, time.process_time()
+        width = section.mesh.geometry.hydraulic_diameter
+        control = step_control(setup, width, tolerance, max_steps)
         if i < len(meshes) - 2:
             control = replace(control, tolerance=max(tolerance, COARSE_TOLERANCE))
-        began = time.perf_counter()
-        section = Section(mesh, setup, observer.compiling)
-        compiled = time.perf_counter() - began
         observer.begin(section, i, len(meshes))
-        cpu = time.process_time()
+        previous = solution.levels[-1].section if solution.levels else stored
         try:
-            if restore is not None and i == begin:
-                restore(section)
-                march = PseudoTime(section.newton, section.old, section.idt, control, observer.step)
-                history = march.run()
+            if section is stored:
+                history = _march(section, control, observer).run()
             else:
-                previous = solution.levels[-1].section if solution.levels else None
-                history = solve_level(section, control, previous, observer.step)
+                history = solve_level(section, control, previous, observer)
         except SolverError:
             # a coarse mesh is only a help: a flow it cannot hold may well be steady on a finer one
             if i == len(meshes) - 1:
@@ -160,7 +164,7 @@ def resolve(
     setup: Setup,
     tolerance: float,
     max_steps: int,
-    observe: Callable[[dict[str, float]], None] | None = None,
+    observer: Observer = QUIET,
 ) -> Solution:
     """Solve a neighbouring problem on the last two meshes of a solution, which is used up.
 
@@ -181,8 +185,7 @@ def resolve(
             start.follow(section, *coarser)
         length = section.mesh.geometry.hydraulic_diameter
         control = step_control(setup, length, tolerance, max_steps)
-        march = PseudoTime(section.newton, section.old, section.idt, control, observe)
-        history = march.run(first=control.largest)
+        history = _march(section, control, observer).run(first=control.largest)
         coarser = section, before
         drive, cpu = float(section.drive.value), time.process_time() - cpu
         found.levels.append(Level(section, history, drive, 0.0, cpu))

@@ -67,6 +67,7 @@ class PseudoTime:
     idt : Constant 1/dt [1/s]
     control : step control
     observe : called after each accepted step with the newest row; may raise to stop
+    retry : called with the new dt [s] and the reason when a step is taken back
     """
 
     def __init__(
@@ -75,13 +76,15 @@ class PseudoTime:
         old: fem.Function,
         idt: fem.Constant,
         control: StepControl,
-        observe: Callable[[dict[str, float]], None] | None = None,
+        observe: Callable[[dict[str, float]], None] = lambda row: None,
+        retry: Callable[[float, str], None] = lambda dt, reason: None,
     ) -> None:
         self.newton = newton
         self.old = old
         self.idt = idt
         self.control = control
-        self.observe = observe or (lambda row: None)
+        self.observe = observe
+        self.retry = retry
 
     def run(self, first: float | None = None) -> History:
         """March to the steady state.
@@ -155,6 +158,7 @@ class PseudoTime:
                 self._restore()
                 # far above the first step the failure says little: go half-way back (in decades)
                 dt = min(dt * control.cut, math.sqrt(dt * control.first))
+                self.retry(dt, str(error))
                 if dt < control.smallest:
                     raise SolverError(
                         f"pseudo-time step fell below {control.smallest:.1e} s ({error})"

@@ -16,25 +16,12 @@ from fem_tfm.flows import dense, developed
 DEMO = "demos/dense_pipe/case3.toml"
 
 
-class Silence:
-    """An observer that has nothing to say."""
-
-    def compiling(self, what: str) -> None:
-        """A form is about to be compiled."""
-
-    def begin(self, section: Any, level: int, levels: int) -> None:
-        """A mesh is ready."""
-
-    def step(self, row: dict[str, float]) -> None:
-        """A step was accepted."""
-
-
 def solve(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, meshes: Any = None) -> developed.Solution:
     """Nested iteration of a case without any output, on the case's own meshes or on those given."""
     given = case.numerics
     meshes = dense.meshes(case, comm) if meshes is None else meshes
     return developed.solve(
-        meshes, dense.setup_of(case), given.tolerance, given.max_steps, Silence()
+        meshes, dense.setup_of(case), given.tolerance, given.max_steps, developed.Observer()
     )
 
 

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Benchmarks: how many random cases converge, and run time against error.
+
+Each is a module with `run() -> str`, which prints as it goes and returns its summary. A new one is
+one line in `BENCHMARKS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from fem_tfm.bench import error, stress
+from fem_tfm.errors import InputError, nearest
+
+BENCHMARKS: dict[str, Callable[[], str]] = {
+    "error": error.run,
+    "stress": stress.run,
+    "stress-quick": stress.run_quick,
+}
+# what `fem-tfm bench` runs without a name
+ALL = ("error", "stress")
+
+
+def run(name: str | None = None) -> str:
+    """Run one benchmark, or error and stress in turn; return their summaries.
+
+    Raises
+    ------
+    InputError
+        there is no benchmark of that name
+    """
+    if name is not None and name not in BENCHMARKS:
+        allowed = "one of " + ", ".join(BENCHMARKS)
+        raise InputError("benchmark", name, allowed, nearest(name, BENCHMARKS))
+    return "\n\n".join(BENCHMARKS[one]() for one in ([name] if name else ALL))

@@ -1,0 +1,250 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Random dense-phase cases over every law: the share that reaches a steady state.
+
+The cases are drawn with a fixed seed, so that two versions of the solver face the same ones. The
+laws are drawn as a few sets, since each new set costs a compilation; each name of each family
+stands in several sets. Every case is solved on the two coarsest meshes of the nested iteration.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from fem_tfm.case import Case
+from fem_tfm.closures import names
+from fem_tfm.errors import SolverError
+from fem_tfm.flows import dense, developed
+from fem_tfm.flows.section import Section
+
+SEED, CASES, SETS = 2024, 200, 26
+# ranges of the numbers: low, high, and whether the logarithm is uniform
+RANGES = {
+    "operation.solids_fraction": (0.02, 0.55, False),
+    "operation.gas_superficial_velocity": (1.0, 30.0, True),
+    "geometry.diameter": (4e-3, 0.2, True),
+    "solids.diameter": (3e-5, 2e-3, True),
+    "solids.density": (500.0, 4000.0, False),
+    "solids.restitution": (0.5, 0.99, False),
+    "gas.density": (1.0, 40.0, True),
+}
+LARGEST_GRAIN = 0.1  # of the pipe diameter
+LEVEL_PIPES = UPRIGHT_PIPES = 0.25  # shares at exactly 0 and 90 degrees, the rest in between
+FAMILIES = {
+    "closures.drag": "drag",
+    "closures.radial": "radial",
+    "closures.granular": "granular",
+    "closures.friction": "friction",
+    "closures.turbulence": "turbulence",
+    "walls.gas": "gas-wall",
+    "walls.solids": "solids-wall",
+}
+ALGEBRAIC_SHARE = FEEDING_SHARE = 0.25
+# these laws hold the grains at their friction_limit, which is the packed fraction
+PLASTIC, PACKED_FRACTION = ("schaeffer", "syamlal"), 0.58
+# a converged state keeps its balances to this relative error
+BALANCE_ERROR = 1e-6
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of one case; `reason` is empty where it converged."""
+
+    number: int
+    reason: str
+    factorisations: int
+    cpu_seconds: float
+    gradient: float = math.nan
+
+    @property
+    def converged(self) -> bool:
+        """Whether there is an answer."""
+        return not self.reason
+
+    @property
+    def cause(self) -> str:
+        """The reason without its numbers, so that equal ones can be counted."""
+        return re.sub(r"-?\d+(\.\d+)?(e[+-]?\d+)?", "#", self.reason)
+
+
+@dataclass
+class Effort(developed.Observer):
+    """Observer of a solve that counts factorisations on all meshes, failed ones too."""
+
+    sections: list[Section] = field(default_factory=list)
+
+    def begin(self, section: Section, level: int, levels: int) -> None:
+        """Keep a section, so that its factorisations can be read at the end."""
+        self.sections.append(section)
+
+    @property
+    def factorisations(self) -> int:
+        """So far."""
+        return sum(section.newton.factorisations for section in self.sections)
+
+
+def _column(family: str, length: int, rng: np.random.Generator) -> list[str]:
+    """Names of a family in random order, each about equally often."""
+    known = names(family)
+    drawn = [known[i % len(known)] for i in range(length)]
+    return [drawn[i] for i in rng.permutation(length)]
+
+
+def law_sets(number: int = SETS, seed: int = SEED) -> list[dict[str, Any]]:
+    """Sets of laws as case values; every law stands in at least two of 26."""
+    rng = np.random.default_rng(seed)
+    columns = {key: _column(family, number, rng) for key, family in FAMILIES.items()}
+    _part_unbounded(columns["closures.radial"], columns["closures.friction"])
+    algebraic = rng.permutation(number) < ALGEBRAIC_SHARE * number
+    feeding = rng.permutation(number) < FEEDING_SHARE * number
+    sets = [{key: column[i] for key, column in columns.items()} for i in range(number)]
+    for laws, local, feeds in zip(sets, algebraic, feeding, strict=True):
+        laws["closures.theta"] = "algebraic" if local else "transport"
+        laws["closures.friction_feeds_theta"] = bool(feeds)
+    return sets
+
+
+def _part_unbounded(radial: list[str], friction: list[str]) -> None:
+    """Swap radial laws so that g0 is unbounded at packing wherever there is no friction.
+
+    With neither, nothing holds a settled bed up and there is no steady state.
+    """
+    bounded = "carnahan-starling"
+    for i, law in enumerate(friction):
+        if law == "none" and radial[i] == bounded:
+            free = (k for k, other in enumerate(friction) if other != "none")
+            j = next(k for k in free if radial[k] != bounded)
+            radial[i], radial[j] = radial[j], radial[i]
+
+
+def _numbers(rng: np.random.Generator) -> dict[str, float]:
+    """Numbers of one case, each within its range."""
+    drawn = {}
+    for key, (low, high, logarithmic) in RANGES.items():
+        if key == "solids.diameter":
+            high = min(high, LARGEST_GRAIN * drawn["geometry.diameter"])
+        scale = (math.log, math.exp) if logarithmic else (float, float)
+        drawn[key] = scale[1](rng.uniform(scale[0](low), scale[0](high)))
+    share, angle = rng.uniform(), rng.uniform(0, 90)
+    if share < LEVEL_PIPES + UPRIGHT_PIPES:
+        angle = 0.0 if share < LEVEL_PIPES else 90.0
+    return drawn | {"geometry.inclination_deg": angle}
+
+
+def _nested(values: dict[str, Any]) -> dict[str, Any]:
+    """Tables from dotted keys."""
+    tables: dict[str, Any] = {}
+    for key, value in values.items():
+        table, _, name = key.partition(".")
+        tables.setdefault(table, {})[name] = value
+    return tables
+
+
+def cases(number: int = CASES, sets: int = SETS, seed: int = SEED) -> list[Case]:
+    """The random cases, grouped by their laws; the first of a set are the same for any number."""
+    rng = np.random.default_rng([seed, 1])
+    laws = law_sets(SETS, seed)[:sets]
+    drawn = [[_numbers(rng) for _ in range(-(-CASES // SETS))] for _ in laws]
+    found = []
+    for i, chosen in enumerate(laws):
+        for numbers in drawn[i][: number // sets + (i < number % sets)]:
+            values = chosen | numbers | {"gas.viscosity": 1.8e-5, "numerics.level": 1}
+            if chosen["closures.friction"] in PLASTIC:
+                values["solids.friction_limit"] = PACKED_FRACTION
+            found.append(Case.from_dict(_nested(values)))
+    return found
+
+
+def solve(case: Case, number: int = 0) -> Outcome:
+    """Solve one case on its two meshes; an answer that breaks a balance does not count."""
+    effort, began = Effort(), time.process_time()
+    gradient, reason = math.nan, ""
+    try:
+        numerics, setup = case.numerics, dense.setup_of(case)
+        solution = developed.solve(
+            dense.meshes(case), setup, numerics.tolerance, numerics.max_steps, effort
+        )
+        gradient, reason = _judged(solution.section)
+    except SolverError as error:
+        reason = str(error)
+    except (ArithmeticError, RuntimeError, ValueError) as error:
+        reason = f"not a SolverError but {type(error).__name__}: {error}"
+    cpu = time.process_time() - began
+    return Outcome(number, reason, effort.factorisations, cpu, gradient)
+
+
+def _judged(section: Section) -> tuple[float, str]:
+    """Pressure gradient [Pa/m] and what is wrong with the state, if anything."""
+    gradient, balances = dense.pressure_gradient(section), dense.balances(section)
+    worst = max(balances, key=lambda name: balances[name])
+    if not (math.isfinite(gradient) and balances[worst] <= BALANCE_ERROR):
+        return math.nan, f"the balance of {worst} is broken by {balances[worst]:.1e}"
+    return gradient, ""
+
+
+def describe(case: Case) -> str:
+    """A case in two lines."""
+    values = case.model_dump()
+    found = {}
+    for key in (*RANGES, "geometry.inclination_deg"):
+        table, _, name = key.partition(".")
+        found[key] = values[table][name]
+    laws = [f"{values[t][n]['model']}" for t, _, n in (k.partition(".") for k in FAMILIES)]
+    laws.append(case.closures.theta)
+    laws += ["friction feeds theta"] * case.closures.friction_feeds_theta
+    numbers = ", ".join(f"{key} = {value:.4g}" for key, value in found.items())
+    return f"  {', '.join(laws)}\n  {numbers}"
+
+
+def solve_all(chosen: Iterable[Case], total: int) -> Iterator[Outcome]:
+    """Solve cases one after another and print how each of them ended."""
+    for number, case in enumerate(chosen, start=1):
+        outcome = solve(case, number)
+        ended = f"G {outcome.gradient:.5g} Pa/m" if outcome.converged else "FAILED"
+        _tell(
+            f"{number:4d}/{total}  {ended:<20} {outcome.factorisations:5d} factorisations "
+            f"{outcome.cpu_seconds:6.1f} CPU s"
+        )
+        if not outcome.converged:
+            _tell(f"  {outcome.reason}\n{describe(case)}")
+        yield outcome
+
+
+def summary(outcomes: list[Outcome]) -> str:
+    """Share that converged, what it took, and a table of the causes of the rest."""
+    done = [o for o in outcomes if o.converged]
+    lines = [
+        f"stress: {len(done)} of {len(outcomes)} cases converged "
+        f"({100 * len(done) / len(outcomes):.1f} %), {sum(o.cpu_seconds for o in outcomes):.0f} "
+        "CPU s with the compilation of forms"
+    ]
+    if done:
+        middle, high = np.percentile([o.factorisations for o in done], [50, 95])
+        lines.append(f"factorisations: median {middle:.0f}, 95 % below {high:.0f}")
+    causes = Counter(o.cause for o in outcomes if not o.converged)
+    lines += [f"{count:4d}  {cause}" for cause, count in causes.most_common()]
+    return "\n".join(lines)
+
+
+def run(number: int = CASES, sets: int = SETS) -> str:
+    """Solve the random cases, print each, and return the summary."""
+    chosen = cases(number, sets)
+    return summary(list(solve_all(chosen, len(chosen))))
+
+
+def run_quick() -> str:
+    """A few cases of two sets of laws."""
+    return run(6, 2)
+
+
+def _tell(text: str) -> None:
+    if MPI.COMM_WORLD.rank == 0:
+        print(text, flush=True)

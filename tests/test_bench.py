@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The benchmarks: what the random cases cover, and that neither invents a number."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from fem_tfm import bench
+from fem_tfm.bench import error, stress
+from fem_tfm.case import Case
+from fem_tfm.closures import names
+from fem_tfm.errors import InputError, SolverError
+from fem_tfm.flows import developed
+
+
+def test_every_law_stands_in_several_sets() -> None:
+    sets = stress.law_sets()
+    assert len(sets) == stress.SETS
+    for key, family in stress.FAMILIES.items():
+        count = Counter(laws[key] for laws in sets)
+        assert set(count) == set(names(family))
+        assert min(count.values()) >= 2
+
+
+def test_no_set_lets_a_bed_settle_without_end() -> None:
+    for seed in range(30):
+        for laws in stress.law_sets(seed=seed):
+            pair = laws["closures.friction"], laws["closures.radial"]
+            assert pair != ("none", "carnahan-starling")
+
+
+def test_the_cases_fill_their_ranges_and_are_the_same_every_time() -> None:
+    cases = stress.cases()
+    assert len(cases) == stress.CASES
+    assert [c.dump() for c in cases] == [c.dump() for c in stress.cases()]
+    for key, (low, high, logarithmic) in stress.RANGES.items():
+        found = [_value(case, key) for case in cases]
+        assert low <= min(found) and max(found) <= high
+        if key != "solids.diameter":
+            middle = math.sqrt(low * high) if logarithmic else (low + high) / 2
+            assert 0.35 < sum(v < middle for v in found) / len(found) < 0.65
+    angles = [case.geometry.inclination_deg for case in cases]
+    assert angles.count(0.0) > 20 and angles.count(90.0) > 20
+    assert sum(0 < angle < 90 for angle in angles) > 60
+    for case in cases:
+        assert case.solids.diameter <= stress.LARGEST_GRAIN * case.geometry.diameter
+        packed = case.closures.friction.name in stress.PLASTIC
+        assert (case.solids.friction_limit == stress.PACKED_FRACTION) == packed
+
+
+def _value(case: Case, key: str) -> float:
+    table, _, name = key.partition(".")
+    return getattr(getattr(case, table), name)
+
+
+def test_a_case_that_does_not_converge_has_a_reason_and_no_number(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    case = stress.cases(1, 1)[0]
+    for failure in (SolverError("not steady after 3 steps"), ArithmeticError("bad matrix")):
+
+        def fail(*given: object, failure: Exception = failure) -> None:
+            raise failure
+
+        monkeypatch.setattr(developed, "solve", fail)
+        outcome = stress.solve(case)
+        assert not outcome.converged and math.isnan(outcome.gradient)
+        assert str(failure) in outcome.reason
+
+
+def test_an_answer_that_breaks_a_balance_does_not_count(
+    dense: dict, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = Case.from_dict({**dense, "numerics": {"level": 1}})
+    good = stress.solve(case)
+    assert good.converged and good.gradient > 0 and good.factorisations > 0
+    monkeypatch.setattr(stress.dense, "balances", lambda section: {"axial_momentum": 0.1})
+    bad = stress.solve(case)
+    assert not bad.converged and math.isnan(bad.gradient) and "axial_momentum" in bad.reason
+
+
+def test_the_summary_counts_causes_without_their_numbers() -> None:
+    reasons = ["", "below 1.5e-07 s (x)", "below 4.2e-08 s (x)", "not steady after 200 steps"]
+    text = stress.summary([stress.Outcome(i, r, 10, 1.0) for i, r in enumerate(reasons)])
+    assert "1 of 4 cases converged (25.0 %)" in text
+    assert "   2  below # s (x)" in text
+
+
+def test_run_time_against_error(tmp_path: Path) -> None:
+    text = error.run((1, 2), 3, ("triangle",), tmp_path / "error.png")
+    rows = [line.split() for line in text.splitlines() if line.startswith("triangle")]
+    assert [row[1] for row in rows] == ["1", "2"]
+    assert int(rows[0][2]) < int(rows[1][2])
+    assert all(0 < float(row[4]) < 0.05 for row in rows)
+    assert (tmp_path / "error.png").stat().st_size > 0
+
+
+def test_an_unknown_benchmark_is_refused() -> None:
+    with pytest.raises(InputError, match="stress"):
+        bench.run("strss")
+
+
+@pytest.mark.slow
+def test_the_quick_stress_ends_with_a_summary(capsys: pytest.CaptureFixture[str]) -> None:
+    text = bench.run("stress-quick")
+    assert "of 6 cases converged" in text
+    told = capsys.readouterr().out
+    assert sum(line.lstrip()[:1].isdigit() and "/6 " in line for line in told.splitlines()) == 6
