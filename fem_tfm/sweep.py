@@ -184,6 +184,7 @@ class _Solver(developed.Observer):
 
     def _read(self, case: Case, point: Point) -> None:
         length, levels = case.geometry.length, self.solution.levels
+        dense.checked_balances(self.solution.section)
         point.quantities = dense.quantities(self.solution.section, length)
         coarser = dense.quantities(levels[-2].section, length) if len(levels) > 1 else {}
         for name, value in point.quantities.items():

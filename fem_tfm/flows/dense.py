@@ -41,6 +41,8 @@ COARSEST = 0.25
 # regularisations in units of U_g and D; their effect on the pressure gradient is in docs/dense.md
 ALPHA_DIFFUSION, SLIP_FLOOR, SHEAR_FLOOR, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 1e-4, 1e-3, 0.1, 1e-8
 WALL_PENALTY, SMOOTHING = 200.0, 0.05
+# a state that breaks a balance by more is no answer
+BALANCE_ERROR = 1e-6
 
 
 def setup_of(case: Case) -> Setup:
@@ -164,6 +166,21 @@ def balances(section: Section) -> dict[str, float]:
         turnover = section.mesh.geometry.hydraulic_diameter / setup.gas_velocity
         found["solids_mass"] = max(errors[1], abs(float(section.source.value)) * turnover)
     return found
+
+
+def checked_balances(section: Section) -> dict[str, float]:
+    """The balances of an answer.
+
+    Raises
+    ------
+    SolverError
+        one of them is broken, so that the state is no answer.
+    """
+    kept = balances(section)
+    worst = max(kept, key=lambda name: kept[name])
+    if not kept[worst] <= BALANCE_ERROR:
+        raise SolverError(f"the balance of {worst} is broken by {kept[worst]:.1e}")
+    return kept
 
 
 def skipped(case: Case) -> list[str]:
@@ -447,6 +464,7 @@ def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, str]:
 def _finish(case: Case, solution: developed.Solution, recorder: Recorder) -> Result:
     """Quantities with their errors, balances and files of a converged run."""
     section = solution.section
+    kept = checked_balances(section)
     length = case.geometry.length
     coarser = [quantities(level.section, length) for level in solution.levels[-2:-1]]
     found = quantities(section, length)
@@ -458,7 +476,7 @@ def _finish(case: Case, solution: developed.Solution, recorder: Recorder) -> Res
         error = abs(value - coarser[0][name]) if coarser else None
         known = tuple(references.get(name, ()))
         result.quantities[name] = Quantity(value, QUANTITIES[name], error, references=known)
-    result.balances = balances(section)
+    result.balances = kept
     _write_fields(case, section, result, recorder)
     recorder.save_final()
     recorder.lap("output")

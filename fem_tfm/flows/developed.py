@@ -92,8 +92,10 @@ def solve_level(
 ) -> History:
     """Steady state of one section from a cold start, or from another mesh's answer.
 
-    A warm start takes the largest step at once; if it gets nowhere the section starts cold.
+    A warm start takes the largest step at once; if it gets nowhere the section starts cold. A cold
+    start is tried with both ways to limit Newton's steps, the quicker one first.
     """
+    section.newton.saturate = True
     march = _march(section, control, observer)
     if previous is not None:
         start.warm(section, previous)
@@ -101,6 +103,12 @@ def solve_level(
             return march.run(first=control.largest)
         except SolverError as error:
             observer.retry(control.first, f"{error}; cold start")
+    try:
+        start.cold(section)
+        return march.run()
+    except SolverError as error:
+        observer.retry(control.first, f"{error}; cold start with shortened steps")
+    section.newton.saturate = False
     start.cold(section)
     return march.run()
 

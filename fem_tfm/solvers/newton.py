@@ -54,8 +54,7 @@ class Block:
 
     dofs : owned local indices
     scale : typical size, so that update/scale is relative
-    limit : for logarithms, the largest change of one unknown in one step, or None; corrections d
-        are taken as sign(d) ln(1 + |d|), which for growth is Newton's step of the exponential
+    limit : for logarithms, the largest change of one unknown in one step, or None
     """
 
     name: str
@@ -163,6 +162,9 @@ class BorderedNewton:
         self.solved = [self.rhs.duplicate() for _ in borders]
         self.solver = DirectSolver(self.matrix)
         self.factorisations = 0
+        # far-off unknowns are either cut one by one, which is quicker, or shorten the whole step,
+        # which keeps its direction and gets through where the other way does not
+        self.saturate = True
 
     def destroy(self) -> None:
         """Free every PETSc object."""
@@ -208,7 +210,7 @@ class BorderedNewton:
         start = self._position()
         change = self._tamed(self._correction())
         size = self._sizes(change)
-        length = 1.0
+        length = self._longest(change)
         while True:
             self._move(start, change, length)
             try:
@@ -223,7 +225,7 @@ class BorderedNewton:
                 self._move(start, change, 0.0)
                 raise LinearSolveError("no step length brings Newton closer to a solution")
         if length == 1.0:
-            self._move(self._position(), follow, 1.0)
+            self._move(self._position(), follow, self._longest(follow))
         return Update(size, max(rest.values()), length)
 
     def polish(self, tolerance: float, size: float = math.inf) -> tuple[float, float]:
@@ -319,16 +321,26 @@ class BorderedNewton:
         return sizes
 
     def _tamed(self, change: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """A correction whose limited blocks are saturated, unknown by unknown.
+        """A correction with its limited blocks saturated, unknown by unknown, if asked for.
 
-        One unknown that is far off then does not shorten the step of all others.
+        d becomes sign(d) ln(1 + |d|), for growth Newton's step of the exponential, and is cut
+        at the limit.
         """
-        for block in self.blocks:
+        for block in self.blocks if self.saturate else ():
             if block.limit is not None:
                 raw = change[0][block.dofs]
                 mild = np.copysign(np.log1p(np.abs(raw)), raw)
                 change[0][block.dofs] = np.clip(mild, -block.limit, block.limit)
         return change
+
+    def _longest(self, change: tuple[np.ndarray, np.ndarray]) -> float:
+        """Share of a correction, at most 1, that keeps every limited block within its limit."""
+        share = 1.0
+        for block in self.blocks:
+            if block.limit is not None:
+                peak = self.comm.allreduce(np.abs(change[0][block.dofs]).max(initial=0.0), MPI.MAX)
+                share = min(share, block.limit / max(peak, 1e-300))
+        return share
 
     def _rms(self, values: np.ndarray) -> float:
         total = self.comm.allreduce(np.array([np.dot(values, values), values.size]))
