@@ -111,6 +111,8 @@ def test_interruption_ends_with_status_130(here: Path, root: Path, number: int) 
         stderr=subprocess.PIPE,
         text=True,
         env=os.environ | {"PYTHONPATH": str(root)},
+        # a test run that was started in the background ignores SIGINT and hands that on
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
         assert process.stdout.readline() == "ready\n"
         process.send_signal(number)
