@@ -122,7 +122,7 @@ def quantities(section: Section, length: float) -> dict[str, float]:
     model, state, setup = section.model, section.state(section.now), section.setup
     alpha, whole = model.alpha(state), section.mesh.geometry.area_factor
     gradient = pressure_gradient(section)
-    gas = section.integral((1 - alpha) * state.u_g[2])
+    gas = section.integral("gas flux", (1 - alpha) * state.u_g[2])
     found = {
         "pressure_gradient": gradient,
         "pressure_drop": gradient * length,
@@ -130,13 +130,14 @@ def quantities(section: Section, length: float) -> dict[str, float]:
     }
     if setup.solids is None:
         return found
-    solids, held = section.integral(alpha * state.u_s[2]), section.integral(alpha)
+    solids = section.integral("solids flux", alpha * state.u_s[2])
+    held = section.integral("held", alpha)
     in_bed = ufl.conditional(ufl.gt(alpha, model.solids.friction_limit), 1.0, 0.0)
     return found | {
         "solids_mass_flow": whole * setup.solids.density * solids,
         "holdup": held / section.area,
         "max_solids_fraction": section.extremes()["max_alpha_s"],
-        "bed_fraction": section.integral(in_bed) / section.area,
+        "bed_fraction": section.integral("bed", in_bed) / section.area,
         "slip_velocity": gas / (section.area - held) - solids / held,
     }
 
@@ -158,7 +159,7 @@ def balances(section: Section) -> dict[str, float]:
     weight = 0.0
     if setup.solids is not None:
         excess = setup.solids.density - setup.gas.density
-        weight = excess * setup.gravity[2] * section.integral(model.alpha(state))
+        weight = excess * setup.gravity[2] * section.integral("held", model.alpha(state))
     force = section.wall_force()
     scale = max(abs(drive), abs(weight), abs(force))
     found = {"gas_mass": errors[0], "axial_momentum": abs(drive + weight - force) / scale}

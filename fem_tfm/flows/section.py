@@ -110,6 +110,7 @@ class Section:
         self.source = self._constant(0.0)
         self.domain = self._domain()
         self._numbers: list[fem.Constant] = []
+        self._integrals: dict[str, fem.Form] = {}
         self.model = TwoFluid(*setup.bound(self._number), DevelopedAxis(), self.domain)
         self._dofs = [self._sub_dofs(i) for i in range(len(self.names))]
         self.newton = self._newton(progress)
@@ -220,7 +221,7 @@ class Section:
         """G is set by the gas flux, the uniform source of solids by hold-up or flux."""
         now, test, dx = self.state(self.now), self._test(), self.domain.dx
         alpha = self.model.alpha(now)
-        self.area = self.integral(self._constant(1.0))
+        self.area = self.integral("area", self._constant(1.0))
         targets = self._targets()
         gas_column = -(1 - alpha) * test.u_g[2] * dx
         if self.setup.solids is None:
@@ -293,9 +294,15 @@ class Section:
             function.name = name
         return fields
 
-    def integral(self, integrand: Any) -> float:
-        """Integral over the part of the section that is solved."""
-        value = fem.assemble_scalar(compile_form(integrand * self.domain.dx))
+    def integral(self, name: str, integrand: Any, measure: ufl.Measure | None = None) -> float:
+        """Integral over the part of the section that is solved, or over its wall.
+
+        The form is compiled when `name` is met for the first time and kept: the same name always
+        means the same integrand.
+        """
+        if name not in self._integrals:
+            self._integrals[name] = compile_form(integrand * (measure or self.domain.dx))
+        value = fem.assemble_scalar(self._integrals[name])
         return self.mesh.mesh.comm.allreduce(value)
 
     def extremes(self) -> dict[str, float]:
@@ -314,7 +321,7 @@ class Section:
         Where a wall law gives the traction it is integrated; where a velocity is imposed it is the
         reaction in the discrete balance, the residual of the rows that the condition replaced.
         """
-        now, dz = self.state(self.now), ufl.as_vector((0.0, 0.0, 1.0))
+        now = self.state(self.now)
         laws = self.setup.closures
         force = 0.0
         traction = (1 - self.model.alpha(now)) * self.model.gas_wall_traction(now)
@@ -325,8 +332,7 @@ class Section:
             if law.strong:
                 force += self._reaction(name)
             else:
-                form = compile_form(ufl.inner(traction, dz) * self.domain.ds_wall)
-                force += self.mesh.mesh.comm.allreduce(fem.assemble_scalar(form))
+                force += self.integral(f"wall {name}", traction[2], self.domain.ds_wall)
         return force
 
     def _reaction(self, name: str) -> float:

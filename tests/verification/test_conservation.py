@@ -44,15 +44,15 @@ def forces(found: Section) -> dict[str, float]:
     """Axial forces on either phase per length [N/m]: drive, weight, walls and drag."""
     model, state, setup = found.model, found.state(found.now), found.setup
     alpha = model.alpha(state)
-    held = found.integral(alpha)
+    held = found.integral("held", alpha)
     excess = setup.solids.density - setup.gas.density
     slip = state.u_g[2] - state.u_s[2]
     return {
         "drive": float(found.drive.value),
-        "area": found.integral(ufl.as_ufl(1.0)),
+        "area": found.integral("one", ufl.as_ufl(1.0)),
         "held": held,
         "weight": excess * setup.gravity[2] * held,
-        "drag": found.integral(model.drag(state) * slip),
+        "drag": found.integral("drag", model.drag(state) * slip),
         "gas_wall": wall(found, (1 - alpha) * model.gas_wall_traction(state)[2]),
         "solids_wall": wall(found, model.solids_wall_traction(state)[2]),
     }
@@ -106,9 +106,9 @@ def test_mass(which: str) -> None:
     width, speed = 0.01, 6.43
     assert abs(float(found.source.value)) * width / speed < EXACT
     case = problems.demo(CASES[which])
-    held, area = found.integral(alpha), math.pi * width**2 / 8
+    held, area = found.integral("held", alpha), math.pi * width**2 / 8
     assert held / found.area == pytest.approx(case.operation.solids_fraction, rel=EXACT)
-    gas = found.integral((1 - alpha) * state.u_g[2])
+    gas = found.integral("gas flux", (1 - alpha) * state.u_g[2])
     assert gas == pytest.approx(speed * area, rel=EXACT)
 
 

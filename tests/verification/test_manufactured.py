@@ -100,8 +100,8 @@ def solve(found: Section) -> dict[str, float]:
     system = problems.LoadedNewton(found, load)
     alpha = found.model.alpha(wanted)
     gas, held = found.newton.borders
-    gas.target.value = found.integral((1 - alpha) * wanted.u_g[2])
-    held.target.value = found.integral(alpha)
+    gas.target.value = found.integral("wanted gas", (1 - alpha) * wanted.u_g[2])
+    held.target.value = found.integral("wanted solids", alpha)
     problems.put(found, wanted)
     found.now.x.array[:] *= 1.03
     found.drive.value = found.source.value = 0.0
