@@ -53,7 +53,8 @@ def difference(value: float, reference: float) -> str:
     """Relative difference from a reference, "-1.9 %", or a dash where there is none."""
     if not (math.isfinite(value) and math.isfinite(reference)) or reference == 0:
         return "-"
-    return f"{100 * (value / reference - 1):+.1f} %"
+    # adding zero turns -0.0 into 0.0
+    return f"{round(100 * (value / reference - 1), 1) + 0.0:+.1f} %"
 
 
 def _headline(result: Result) -> Text:
