@@ -285,9 +285,6 @@ class Numerics(Table):
     cells: Literal["triangle", "quadrilateral"] = _key("triangle", "", "shape of the cells")
     tolerance: float = _key(1e-9, "", "largest update that counts as steady", gt=0, lt=1)
     max_steps: int = _key(200, "", "largest number of pseudo-time steps", ge=1, le=1000000)
-    error_target: float | None = _key(
-        None, "", "refine until the estimated relative error is below", gt=0, lt=1
-    )
     alpha_diffusion: float | None = _key(
         None, "m2/s", "diffusion of logit(alpha_s), default that of the flow", ge=0, le=1
     )

@@ -183,12 +183,9 @@ class _Solver(developed.Observer):
         self._read(case, point)
 
     def _read(self, case: Case, point: Point) -> None:
-        length, levels = case.geometry.length, self.solution.levels
         dense.checked_balances(self.solution.section)
-        point.quantities = dense.quantities(self.solution.section, length)
-        coarser = dense.quantities(levels[-2].section, length) if len(levels) > 1 else {}
-        for name, value in point.quantities.items():
-            point.errors[name] = abs(value - coarser[name]) if coarser else None
+        length = case.geometry.length
+        point.quantities, point.errors = dense.estimated(self.solution, length)
 
     # what developed.solve tells
 

@@ -314,7 +314,6 @@ BAD = [
     ("numerics.level", 2.5, "a whole number"),
     ("numerics.max_steps", 0, "a whole number at least 1"),
     ("numerics.tolerance", 1.0, "below 1"),
-    ("numerics.error_target", 0.0, "above 0"),
     ("numerics.theta_floor", -1e-8, "at least 0"),
     ("numerics.wall_grading", 0.0, "above 0"),
     ("numerics.quadrature_degree", 21, "at most 20"),

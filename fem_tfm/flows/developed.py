@@ -45,16 +45,6 @@ class Solution:
         """The finest section."""
         return self.levels[-1].section
 
-    def change(self, quantity: Callable[[Section], float]) -> float | None:
-        """Difference of a quantity between the last two meshes, which bounds the error of the last.
-
-        At an observed order of 2 and halved cells the error is a third of it; None with one mesh.
-        """
-        if len(self.levels) < 2:
-            return None
-        coarse, fine = (quantity(level.section) for level in self.levels[-2:])
-        return abs(fine - coarse)
-
 
 def step_control(setup: Setup, length: float, tolerance: float, max_steps: int) -> StepControl:
     """Pseudo-time steps scaled by the residence time D/U_g."""

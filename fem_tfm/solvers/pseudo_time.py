@@ -52,9 +52,7 @@ class History:
     """What a continuation did: one row a step (dt, iterations, update, residual)."""
 
     rows: list[dict[str, float]] = field(default_factory=list)
-    rejected: int = 0
     update: float = math.inf
-    reason: str = ""
 
 
 class PseudoTime:
@@ -153,8 +151,6 @@ class PseudoTime:
                 row = self._step(dt)
                 break
             except LinearSolveError as error:
-                history.rejected += 1
-                history.reason = str(error)
                 self._restore()
                 # far above the first step the failure says little: go half-way back (in decades)
                 dt = min(dt * control.cut, math.sqrt(dt * control.first))
