@@ -75,9 +75,6 @@ def smooth_norm(x: Value, eps: Value) -> Value:
     return sqrt(x * x + eps * eps)
 
 
-smooth_abs = smooth_norm
-
-
 def positive_part(x: Value, eps: Value) -> Value:
     """Smooth max(x, 0) = [x + sqrt(x^2 + 4 eps^2)]/2 in a form that never cancels to zero.
 
@@ -85,16 +82,6 @@ def positive_part(x: Value, eps: Value) -> Value:
     """
     size = where_greater(x, 0.0, x, -x)
     return where_greater(x, 0.0, x, 0.0) + 2 * eps * eps / (size + smooth_norm(x, 2 * eps))
-
-
-def smooth_max(a: Value, b: Value, eps: Value) -> Value:
-    """Smooth maximum, at most eps above max(a, b)."""
-    return b + positive_part(a - b, eps)
-
-
-def smooth_min(a: Value, b: Value, eps: Value) -> Value:
-    """Smooth minimum, at most eps below min(a, b)."""
-    return b - positive_part(b - a, eps)
 
 
 def softplus(x: Value, width: Value) -> Value:

@@ -189,18 +189,6 @@ def section_picture(
     _save(figure, path, title)
 
 
-def profile_picture(path: str | Path, columns: Mapping[str, ArrayLike], title: str = "") -> None:
-    """Draw profiles against the height: solids fraction, axial velocities, temperatures.
-
-    columns : "y/D" [-] and any of "alpha_s", "u_s", "u_g", "Theta", "k", as `vertical_profile`
-        returns them
-    """
-    panels = _panels(columns)
-    figure = Figure(figsize=(3.1 * max(len(panels), 1) + 0.4, 3.6), layout="constrained")
-    _profiles(_row(figure, len(panels)), columns, panels)
-    _save(figure, path, title)
-
-
 def sweep_picture(
     path: str | Path,
     table: Mapping[str, Sequence[Any]],

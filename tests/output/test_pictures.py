@@ -14,7 +14,6 @@ from matplotlib.tri import Triangulation
 from fem_tfm.output import pictures
 from fem_tfm.output.pictures import (
     SectionView,
-    profile_picture,
     section_picture,
     sweep_picture,
     vertical_profile,
@@ -157,13 +156,6 @@ def test_uniform_and_broken_fields_are_drawn_too(tmp_path: Path, value: float) -
     fields["u_g"][:4] = 1.0
     section_picture(tmp_path / "s.png", view, fields)
     drawn(tmp_path / "s.png")
-
-
-def test_profile_picture(tmp_path: Path) -> None:
-    view = disc("half")
-    fields = dense_fields(view) | {"k": np.linspace(-1, 1, len(view.points))}
-    profile_picture(tmp_path / "p.png", vertical_profile(view, fields), "profiles")
-    assert drawn(tmp_path / "p.png").shape[1] > 400
 
 
 @pytest.mark.filterwarnings("error")
