@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The section of a duct's gas on one mesh: spaces, forms, constraint and solver.
+
+Unknowns on quadrilaterals (triangles likewise): velocity, stresses, projected shear rates and
+ln eps biquadratic, pressure bilinear. Stresses of a lower degree than the velocity converge to a
+wrong answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import compute_midpoints
+
+from fem_tfm.closures.reynolds_stress import ReynoldsStress, Wall
+from fem_tfm.closures.wall_functions import WallFunction
+from fem_tfm.fenics import compile_form
+from fem_tfm.flows.discretisation import Discretisation
+from fem_tfm.mesh import DuctGeometry, Mesh
+from fem_tfm.models.axis import Axis, DevelopedAxis
+from fem_tfm.models.reynolds_stress import (
+    GasDomain,
+    GasNumbers,
+    GasState,
+    ReynoldsStressModel,
+)
+from fem_tfm.solvers.newton import Block, Border, BorderedNewton
+
+# sizes of the unknowns over U, U^2 and U/D, for relative updates
+SPEED, STRESS, SHEAR = 0.1, 3e-3, 20.0
+# a normal to a round wall is undefined on the axis; over this share of the radius it fades
+AXIS_ROUNDING = 0.05
+ROUND_OFF = 1e-9
+
+
+@dataclass(frozen=True)
+class DuctSetup:
+    """Numbers of one problem (SI), free of meshes and forms; the laws are resolved.
+
+    velocity : bulk velocity U [m/s]
+    """
+
+    law: ReynoldsStress
+    function: WallFunction
+    numbers: GasNumbers
+    velocity: float
+    quadrature_degree: int = 5
+
+    @property
+    def structure(self) -> tuple[Any, ...]:
+        """What the forms depend on; setups that agree in it differ in numbers alone."""
+        return self.quadrature_degree, *(_structure(law) for law in (self.law, self.function))
+
+    def bound(self, wrap: Callable[[Any], Any]) -> tuple[Any, ...]:
+        """Laws and numbers with every number wrapped, in a fixed order."""
+        return self.law.bound(wrap), self.function.bound(wrap), self.numbers.bound(wrap)
+
+
+def _structure(law: Any) -> Any:
+    values = ((f.name, getattr(law, f.name)) for f in fields(law))
+    return type(law), tuple((k, v) for k, v in values if not isinstance(v, float))
+
+
+def _names(transported: bool) -> tuple[str, ...]:
+    return ("u", "p", "e", "r", "d") if transported else ("u", "p", "e", "q")
+
+
+def _element(mesh: Any, transported: bool) -> Any:
+    cell = mesh.basix_cell()
+    p1, p2 = (basix.ufl.element("Lagrange", cell, degree) for degree in (1, 2))
+    vector = basix.ufl.blocked_element(p2, shape=(3,))
+    more = [basix.ufl.blocked_element(p2, shape=(n,)) for n in (6, 4)] if transported else [p2]
+    return basix.ufl.mixed_element([vector, p1, p2, *more])
+
+
+class DuctSection(Discretisation):
+    """A developed problem on one mesh, ready for Newton.
+
+    Parameters
+    ----------
+    mesh : the section; it begins `numbers.wall_offset` off the wall
+    setup : numbers of the problem
+    progress : called with a word before each form is compiled
+    """
+
+    def __init__(
+        self, mesh: Mesh, setup: DuctSetup, progress: Callable[[str], None] = lambda text: None
+    ) -> None:
+        transported = setup.law.transported
+        element = _element(mesh.mesh, transported)
+        super().__init__(mesh, element, _names(transported), setup.quadrature_degree)
+        self.setup = setup
+        self.idt, self.drive = self._constant(0.0), self._constant(0.0)
+        self.domain = self._domain()
+        self.model = ReynoldsStressModel(*setup.bound(self._number), self._axis(), self.domain)
+        self.newton = self._newton(progress)
+
+    def update(self, setup: DuctSetup) -> None:
+        """Take over the numbers of a setup of the same structure; nothing is compiled or built.
+
+        Raises
+        ------
+        ValueError
+            the setup has other laws or another quadrature.
+        """
+        if setup.structure != self.setup.structure:
+            raise ValueError("a section can take over numbers only, and this setup has other laws")
+        self._renew(setup.bound)
+        self.setup = setup
+        for border, target in zip(self.newton.borders, self._targets(), strict=True):
+            border.target.value = target
+        self.newton.blocks = self._blocks()
+
+    def _axis(self) -> Axis:
+        """How the flow changes along the axis."""
+        return DevelopedAxis()
+
+    # -- geometry ------------------------------------------------------------------------------
+
+    def _domain(self) -> GasDomain:
+        mesh = self.mesh.mesh
+        x, n = ufl.SpatialCoordinate(mesh), ufl.FacetNormal(mesh)
+        across = ufl.dot(ufl.JacobianInverse(mesh), n)
+        metadata = {"quadrature_degree": self.setup.quadrature_degree}
+        ds = ufl.Measure("ds", mesh, subdomain_data=self.mesh.facet_tags, metadata=metadata)
+        return GasDomain(
+            dx=self.dx,
+            ds_wall=ds(self.mesh.tags["wall"]),
+            walls=self._walls(x),
+            wall_cell=1 / ufl.sqrt(ufl.inner(across, across)),
+        )
+
+    def _walls(self, x: Any) -> list[Wall]:
+        """The nearest wall of each direction: sides of a duct, or the wall of a pipe."""
+        geometry = self.mesh.geometry
+        if isinstance(geometry, DuctGeometry):
+            half = self._constant(geometry.width / 2), self._constant(geometry.height / 2)
+            units = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+            return [
+                Wall(ufl.as_vector(unit), 1 / (half[i] - abs(x[i]))) for i, unit in enumerate(units)
+            ]
+        rounding = self._constant((AXIS_ROUNDING * geometry.radius) ** 2)
+        radius = ufl.sqrt(x[0] ** 2 + x[1] ** 2 + rounding)
+        normal = ufl.as_vector((x[0] / radius, x[1] / radius, 0.0))
+        return [Wall(normal, 1 / geometry.wall_distance(x))]
+
+    def boundary_conditions(self) -> list[fem.DirichletBC]:
+        """Nothing flows through walls and planes of symmetry, where shear stress vanishes too."""
+        tags, bcs = self.mesh.tags, []
+        straight = isinstance(self.mesh.geometry, DuctGeometry)
+        for tag, component in (("symmetry", 0), ("symmetry_x", 0), ("symmetry_y", 1)):
+            if tag in tags:
+                facets = self.mesh.facets(tag)
+                bcs.append(self._zero("u", component, facets))
+                if self.setup.law.transported:
+                    # R_xy and the stress between the normal and the axis
+                    bcs += [self._zero("r", c, facets) for c in (3, 4 + component)]
+        for component in (0, 1):
+            facets = self.mesh.facets("wall")
+            # a round wall has both components in its normal, and the flow in a pipe no swirl
+            facing = self._facing(facets, component) if straight else facets
+            bcs.append(self._zero("u", component, facing))
+        return bcs
+
+    def _facing(self, facets: np.ndarray, component: int) -> np.ndarray:
+        """Those facets of the wall of a duct whose normal is along x (0) or y (1)."""
+        geometry = self.mesh.geometry
+        half = (geometry.width, geometry.height)[component] / 2 - geometry.wall_offset
+        middle = compute_midpoints(self.mesh.mesh, 1, facets)
+        return facets[np.abs(middle[:, component]) > half * (1 - ROUND_OFF)]
+
+    def _zero(self, name: str, component: int, facets: np.ndarray) -> fem.DirichletBC:
+        self.mesh.mesh.topology.create_connectivity(1, 2)
+        sub = self.space.sub(self.names.index(name)).sub(component)
+        return fem.dirichletbc(
+            self._constant(0.0), fem.locate_dofs_topological(sub, 1, facets), sub
+        )
+
+    # -- forms ---------------------------------------------------------------------------------
+
+    def state(self, function: fem.Function) -> GasState:
+        """UFL state of a Function of the mixed space."""
+        return GasState(**dict(zip(self.names, ufl.split(function), strict=True)))
+
+    def _test(self) -> GasState:
+        return GasState(**dict(zip(self.names, ufl.TestFunctions(self.space), strict=True)))
+
+    def _newton(self, progress: Callable[[str], None]) -> BorderedNewton:
+        now, old = self.state(self.now), self.state(self.old)
+        form = self.model.residual(now, old, self._test(), self.idt, self.drive)
+        progress("residual")
+        residual = compile_form(form)
+        progress("Jacobian")
+        jacobian = compile_form(ufl.derivative(form, self.now, ufl.TrialFunction(self.space)))
+        progress("constraints")
+        bcs = self.boundary_conditions()
+        return BorderedNewton(residual, jacobian, self.now, bcs, self._borders(), self._blocks())
+
+    def _flux(self) -> Any:
+        """Form of the volume flux of the part solved, the strip at the wall included."""
+        now = self.state(self.now)
+        return now.u[2] * self.dx + self.model.strip_flux(now) * self.domain.ds_wall
+
+    def _borders(self) -> list[Border]:
+        """G is set by the flux."""
+        column = -self._test().u[2] * self.dx
+        return [self._border(self.drive, column, self._flux(), self._targets()[0])]
+
+    def _targets(self) -> list[float]:
+        geometry = self.mesh.geometry
+        return [self.setup.velocity * geometry.area / geometry.area_factor]
+
+    def _blocks(self) -> list[Block]:
+        speed = self.setup.velocity
+        stress = STRESS * speed**2
+        scales = {
+            "u": (SPEED * speed,),
+            "p": (stress,),
+            "e": (1.0, 1.5),
+            "r": (stress,),
+            "d": (SHEAR * speed / self.mesh.geometry.hydraulic_diameter,),
+            "q": (1.0, 1.0),
+        }
+        dofs = dict(zip(self.names, self._dofs, strict=True))
+        follows = ("p", "d")
+        return [Block(n, dofs[n], *scales[n], follows=n in follows) for n in self.names]
+
+    # -- what others read ----------------------------------------------------------------------
+
+    @property
+    def pressure_gradient(self) -> float:
+        """G over the density [m/s2]."""
+        return float(self.drive.value)
+
+    def fields(self) -> dict[str, fem.Function]:
+        """Fields for output at the nodes: u, k, eps, the Reynolds stresses (3 x 3) and p/rho."""
+        fields = {"u": self.unknown("u"), "p": self.unknown("p")}
+        now = self.state(self.now)
+        scalar = fem.functionspace(self.mesh.mesh, ("Lagrange", 2))
+        matrix = fem.functionspace(self.mesh.mesh, ("Lagrange", 2, (3, 3)))
+        expressions = {
+            "k": (scalar, self.model.energy(now)),
+            "eps": (scalar, self.model.eps(now)),
+            "reynolds_stress": (matrix, self.model.stress(now)),
+        }
+        for name, (space, expression) in expressions.items():
+            fields[name] = fem.Function(space)
+            points = space.element.interpolation_points
+            fields[name].interpolate(fem.Expression(expression, points))
+        for name, function in fields.items():
+            function.name = name
+        return fields

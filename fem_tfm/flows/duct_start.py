@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Starting states of a duct's gas: log layers on every wall, another mesh's answer, or an inlet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.optimize import brentq
+
+from fem_tfm.flows.duct_section import DuctSection
+from fem_tfm.flows.start import transfer_field
+from fem_tfm.models.reynolds_stress import COMPONENTS
+
+# turbulent energy on the axis over u_tau^2; that at the wall is the log layer's
+AXIS_ENERGY = 1.2
+# distance over which profiles are differenced, in half hydraulic diameters
+DIFFERENCE = 1e-4
+
+
+def friction_factor(reynolds: float) -> float:
+    """Darcy friction factor f of a smooth pipe, 1/sqrt(f) = 2 log10(Re sqrt(f)) - 0.8 [-].
+
+    Source: Prandtl and von Karman, as in Schlichting, Boundary-Layer Theory, ch. 20.
+    """
+
+    def error(f: float) -> float:
+        return 1 / np.sqrt(f) - 2 * np.log10(reynolds * np.sqrt(f)) + 0.8
+
+    return brentq(error, 1e-4, 1.0)
+
+
+def friction_velocity(speed: float, width: float, viscosity: float) -> float:
+    """u_tau = U sqrt(f/8) [m/s] at a bulk velocity, hydraulic diameter and kinematic viscosity."""
+    return speed * np.sqrt(friction_factor(speed * width / viscosity) / 8)
+
+
+class _LogLayers:
+    """Log law, mixing length and anisotropy of the log layer, by the distance to the wall."""
+
+    def __init__(self, section: DuctSection) -> None:
+        setup, self.geometry = section.setup, section.mesh.geometry
+        self.radius = self.geometry.hydraulic_diameter / 2
+        self.nu = setup.numbers.viscosity
+        self.layer = setup.law.log_layer()
+        self.u_tau = friction_velocity(setup.velocity, 2 * self.radius, self.nu)
+        self.function = setup.function
+        self.scale = 1.0
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """Distance to the wall [m]."""
+        return self.geometry.wall_distance(x)
+
+    def velocity(self, x: np.ndarray) -> np.ndarray:
+        """Axial velocity [m/s]."""
+        y_plus = np.maximum(self.distance(x) * self.u_tau / self.nu, 1.0)
+        log = np.log(self.function.E * y_plus) / self.function.kappa
+        return self.scale * self.u_tau * log
+
+    def energy(self, x: np.ndarray) -> np.ndarray:
+        """k [m2/s2]."""
+        s = np.minimum(self.distance(x) / self.radius, 1.0)
+        wall = 1 / np.sqrt(self.layer.C_mu)
+        return self.u_tau**2 * (wall + (AXIS_ENERGY - wall) * s)
+
+    def eps(self, x: np.ndarray) -> np.ndarray:
+        """Dissipation by Nikuradse's mixing length [m2/s3]."""
+        eta2 = (1 - np.minimum(self.distance(x) / self.radius, 1.0)) ** 2
+        length = self.radius * (0.14 - 0.08 * eta2 - 0.06 * eta2**2)
+        return self.layer.C_mu**0.75 * self.energy(x) ** 1.5 / length
+
+    def slope(self, f: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+        """Gradient across, shape (2, n)."""
+        h = DIFFERENCE * self.radius
+        steps = h * np.eye(len(x))[:2]
+        return np.array([(f(x + s[:, None]) - f(x - s[:, None])) / (2 * h) for s in steps])
+
+    def stress(self, x: np.ndarray) -> np.ndarray:
+        """R_xx, R_yy, R_zz, R_xy, R_xz, R_yz: normal stresses of the log layer, eddy viscosity."""
+        normal = self.slope(self.distance, x)
+        normal = normal / np.maximum(np.linalg.norm(normal, axis=0), 1e-3)
+        ratio, k = self.layer.stress, self.energy(x)
+        off, across, along = ratio[1, 1], ratio[2, 2], ratio[0, 0]
+        viscosity = self.layer.C_mu * k**2 / self.eps(x)
+        shear = -viscosity * self.slope(self.velocity, x)
+        zero = np.zeros_like(k)
+        plane = across * np.eye(2)[:, :, None] + (off - across) * normal[:, None] * normal[None]
+        full = [[k * plane[0, 0], k * plane[0, 1], shear[0]]]
+        full += [[k * plane[1, 0], k * plane[1, 1], shear[1]], [zero, zero, k * along]]
+        return np.array([full[min(i, j)][max(i, j)] for i, j in COMPONENTS])
+
+
+def cold(section: DuctSection) -> None:
+    """Log layers on every wall, scaled to the flux, and rest across the section."""
+    guess, values = _LogLayers(section), section.now.x.array
+    target = section.newton.borders[0].target
+    values[:] = 0.0
+    section.drive.value = 2 * guess.u_tau**2 / guess.radius
+    _put(section, "e", lambda x: np.log(guess.eps(x)))
+    if section.setup.law.transported:
+        _put(section, "r", guess.stress)
+        _put(section, "d", lambda x: np.vstack([guess.slope(guess.velocity, x), 0 * x[:2]]))
+    else:
+        _put(section, "q", lambda x: np.log(guess.energy(x)))
+    axial = lambda x: np.vstack([0 * x[:2], guess.velocity(x)])  # noqa: E731
+    _put(section, "u", axial)
+    excess = section.newton.constraint_errors()[0] + float(target.value)
+    guess.scale = float(target.value) / excess
+    _put(section, "u", axial)
+    _fulfil(section)
+
+
+def _put(section: DuctSection, name: str, f: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Interpolate values f(x) into one unknown."""
+    function = section.unknown(name)
+    function.interpolate(f)
+    section.set_unknown(name, function)
+
+
+def _fulfil(section: DuctSection) -> None:
+    for bc in section.newton.bcs:
+        bc.set(section.now.x.array)
+    section.now.x.scatter_forward()
+
+
+def warm(section: DuctSection, source: DuctSection) -> None:
+    """The answer of another mesh of the same problem, with its pressure gradient."""
+    for i in range(len(section.names)):
+        transfer_field(source, section, i)
+    section.drive.value = float(source.drive.value)
+    _fulfil(section)
