@@ -40,7 +40,11 @@ if TYPE_CHECKING:
     from fem_tfm.closures.materials import Solids as SolidsMaterial
     from fem_tfm.output.result import Result
 
-FLOWS = {"dense": "fem_tfm.flows.dense"}
+FLOWS = {"dense": "fem_tfm.flows.dense", "duct": "fem_tfm.flows.duct"}
+# defaults of keys that depend on the kind of flow
+FLOW_DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
+    "duct": {"numerics": {"cells": "quadrilateral", "wall_grading": 0.0625}},
+}
 
 QUANTITIES = {
     "pressure_gradient": "Pa/m",
@@ -51,9 +55,28 @@ QUANTITIES = {
     "max_solids_fraction": "-",
     "bed_fraction": "-",
     "slip_velocity": "m/s",
+    "friction_factor": "-",
+    "secondary_velocity_max": "-",
+    "secondary_velocity_diagonal": "-",
+    "centre_to_bulk": "-",
+    "axis_energy": "-",
+    "corner_wall_shear": "-",
+    "smallest_stress": "-",
+    "wall_distance_plus": "-",
+    "overshoot": "-",
+    "overshoot_position": "m",
+    "overshoot_diameters": "-",
+    "development_length": "m",
+    "nusselt": "-",
+    "turbulent_prandtl_axis": "-",
+    "turbulent_prandtl_wall": "-",
+    "outlet_temperature": "K",
 }
 
-FIELDS = ("alpha_s", "u_s", "u_g", "theta", "pressure")
+FIELDS = (
+    "alpha_s", "u_s", "u_g", "theta", "pressure", "k", "eps", "reynolds_stress", "temperature",
+    "heat_flux",
+)  # fmt: skip
 
 FEEDS = ("solids_fraction", "solids_superficial_velocity", "solids_mass_flow")
 
@@ -86,7 +109,9 @@ class Geometry(Table):
     height: float | None = _key(None, "m", "inner height of a duct, default width", gt=0, le=100)
     length: float = _key(1.0, "m", "length over which the pressure drop is told", gt=0, le=1e5)
     inclination_deg: float = _key(0.0, "deg", "angle above the horizontal", ge=-90, le=90)
-    symmetry: Literal["auto", "half", "none"] = _key("auto", "", "part of the section solved")
+    symmetry: Literal["auto", "quarter", "half", "none"] = _key(
+        "auto", "", "part of the section solved"
+    )
 
     @model_validator(mode="after")
     def _sizes_of_the_shape(self) -> Self:
@@ -223,9 +248,21 @@ KINDS = {
     str: "a text",
 }
 
+# default distance of a duct's wall function in wall units, and its least share of D_h
+WALL_PLUS, SMALLEST_DISTANCE = 40.0, 0.004
+
 LIMITS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 
-LAWS = ("drag", "radial", "granular", "friction", "turbulence")
+LAWS = ("drag", "radial", "granular", "friction", "turbulence", "reynolds_stress", "heat_flux")
+
+
+# keys of the laws at walls and the families they come from
+WALL_LAWS = {
+    "gas": "gas-wall",
+    "solids": "solids-wall",
+    "function": "wall-function",
+    "heat": "thermal-wall",
+}
 
 
 class Closures(Table):
@@ -238,11 +275,14 @@ class Closures(Table):
     friction: Any = _key("berzi", "", "frictional stress of the solids")
     turbulence: Any = _key("mixing-length", "", "turbulence of the gas")
     friction_feeds_theta: bool = _key(False, "", "frictional work becomes granular temperature")
+    reynolds_stress: Any = _key("lrr", "", "Reynolds stresses of a duct's gas")
+    heat_flux: Any = _key("launder", "", "turbulent heat fluxes of a duct's gas")
 
     @field_validator(*LAWS, mode="before")
     @classmethod
     def _law(cls, spec: Any, info: ValidationInfo) -> Closure:
-        return _make_law(info.field_name, spec, f"closures.{info.field_name}")
+        family = info.field_name.replace("_", "-")
+        return _make_law(family, spec, f"closures.{info.field_name}")
 
     @field_serializer(*LAWS)
     def _table(self, law: Closure) -> dict[str, Any]:
@@ -250,27 +290,32 @@ class Closures(Table):
 
 
 class Walls(Table):
-    """The laws at the wall, and the distance from it at which the gas law holds."""
+    """The laws at the wall, and the distance from it at which the gas law holds.
+
+    `gas` and `solids` belong to dense flow, `function` and `heat` to a duct's gas.
+    """
 
     gas: Any = _key("log-law", "", "gas at the wall")
     solids: Any = _key("schneiderbauer", "", "solids at the wall")
+    function: Any = _key("equilibrium", "", "wall function of a duct's gas")
+    heat: Any = _key("jayatilleke", "", "wall function of the temperature")
     distance: float | None = _key(
-        None, "m", "distance of the wall law, default 1 % of the hydraulic diameter", gt=0, le=10
+        None, "m", "distance of the wall law, default that of the flow", gt=0, le=10
     )
 
-    @field_validator("gas", "solids", mode="before")
+    @field_validator(*WALL_LAWS, mode="before")
     @classmethod
     def _law(cls, spec: Any, info: ValidationInfo) -> Closure:
-        return _make_law(f"{info.field_name}-wall", spec, f"walls.{info.field_name}")
+        return _make_law(WALL_LAWS[info.field_name], spec, f"walls.{info.field_name}")
 
-    @field_serializer("gas", "solids")
+    @field_serializer(*WALL_LAWS)
     def _table(self, law: Closure) -> dict[str, Any]:
         return _law_table(law)
 
 
 LAW_DEFAULTS = {
     **{f"closures.{name}": Closures.model_fields[name].default for name in LAWS},
-    **{f"walls.{name}": Walls.model_fields[name].default for name in ("gas", "solids")},
+    **{f"walls.{name}": Walls.model_fields[name].default for name in WALL_LAWS},
 }
 
 
@@ -290,6 +335,18 @@ class Numerics(Table):
     )
     theta_floor: float = _key(1e-8, "m2/s2", "smallest granular temperature", ge=0, le=1)
     quadrature_degree: int = _key(5, "", "degree of the quadrature", ge=1, le=20)
+
+
+class Heat(Table):
+    """Heat from the walls of a duct to its gas; it does not act on the flow."""
+
+    wall: Literal["flux", "temperature"] = _key("flux", "", "what is constant along the walls")
+    prandtl: float = _key(0.71, "", "Prandtl number of the gas", gt=0.1, le=1e4)
+    heat_capacity: float = _key(1006.0, "J/kg/K", "at constant pressure", gt=0, le=1e5)
+    wall_flux: float = _key(1000.0, "W/m2", "heat flux with wall = 'flux'", ge=-1e9, le=1e9)
+    wall_temperature: float = _key(
+        350.0, "K", "temperature with wall = 'temperature'", gt=0, le=5000
+    )
 
 
 class Output(Table):
@@ -319,7 +376,9 @@ class Case(Table):
 
     title: str = _key("", "", "one line about the case")
     flow: Literal[tuple(FLOWS)] = _key("dense", "", "kind of flow")
-    solution: Literal["auto", "developed"] = _key("auto", "", "how the axis is treated")
+    solution: Literal["auto", "developed", "developing"] = _key(
+        "auto", "", "how the axis is treated"
+    )
     inferred: Annotated[tuple[str, ...], Field(strict=False)] = _key(
         (), "", "inputs that the source does not print"
     )
@@ -329,6 +388,7 @@ class Case(Table):
     operation: Operation = _key(..., "", "fluxes, hold-up, gravity")
     closures: Closures = Field(default_factory=Closures, description="laws of the model")
     walls: Walls = Field(default_factory=Walls, description="laws at the wall")
+    heat: Heat | None = _key(None, "", "heat from the walls; without the table there is none")
     numerics: Numerics = Field(default_factory=Numerics, description="mesh and solver")
     output: Output = Field(default_factory=Output, description="files")
     reference: Annotated[tuple[Reference, ...], Field(strict=False)] = _key(
@@ -340,6 +400,35 @@ class Case(Table):
             super().__init__(**_plain(values))
         except ValidationError as error:
             raise _input_error(error) from None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _defaults_of_the_flow(cls, values: Any) -> Any:
+        """Give the keys that are not given the defaults of the kind of flow."""
+        flow = values.get("flow") if isinstance(values, dict) else None
+        for table, defaults in FLOW_DEFAULTS.get(flow, {}).items() if _is_name(flow) else ():
+            given = values.get(table, {})
+            if isinstance(given, Mapping):
+                values[table] = {**defaults, **given}
+        return values
+
+    @model_validator(mode="after")
+    def _keys_of_the_flow(self) -> Self:
+        """Refuse what belongs to another kind of flow."""
+        if self.flow == "duct":
+            absent = "no table [solids], which flow 'dense' has"
+            wrong = {"solids": (self.solids, self.solids is not None, absent)}
+        else:
+            absent, symmetry = "no table [heat], which flow 'duct' has", self.geometry.symmetry
+            wrong = {
+                "heat": (self.heat, self.heat is not None, absent),
+                "geometry.symmetry": (symmetry, symmetry == "quarter", "one of auto, half, none"),
+                "solution": (self.solution, self.solution == "developing", "auto or developed"),
+            }
+        for key, (value, refused, allowed) in wrong.items():
+            if refused:
+                raise InputError(key, value, f"{allowed} for flow {self.flow!r}")
+        return self
 
     @model_validator(mode="after")
     def _feed_and_solids_agree(self) -> Self:
@@ -442,8 +531,26 @@ class Case(Table):
 
     @property
     def wall_distance(self) -> float:
-        """Distance y_p at which the wall law of the gas holds [m]."""
-        return self.walls.distance or 0.01 * self.geometry.hydraulic_diameter
+        """Distance y_p at which the wall law of the gas holds [m].
+
+        1 % of the hydraulic diameter by default; for a duct y+ = 40, and at least 0.4 % of it.
+        """
+        if self.walls.distance:
+            return self.walls.distance
+        width = self.geometry.hydraulic_diameter
+        if self.flow == "dense":
+            return 0.01 * width
+        from fem_tfm.correlations import friction_velocity
+
+        viscosity = self.gas.gas_viscosity / self.gas.gas_density
+        u_tau = friction_velocity(self.operation.gas_superficial_velocity, width, viscosity)
+        return max(WALL_PLUS * viscosity / u_tau, SMALLEST_DISTANCE * width)
+
+    @property
+    def reynolds(self) -> float:
+        """U D_h/nu of the gas [-]."""
+        speed, width = self.operation.gas_superficial_velocity, self.geometry.hydraulic_diameter
+        return speed * width * self.gas.gas_density / self.gas.gas_viscosity
 
     def run(
         self,
@@ -658,6 +765,10 @@ def _field_at(loc: tuple[int | str, ...]) -> FieldInfo:
             info = table.model_fields[part]
             table = _table_of(info)
     return info
+
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str)
 
 
 def _choices(annotation: Any) -> list[str]:

@@ -75,6 +75,11 @@ def _choice(key: str, value: str, valid: tuple[str, ...]) -> None:
         raise InputError(key, value, "one of " + ", ".join(map(repr, valid)), near)
 
 
+def _offset(value: float, half: float) -> None:
+    if not (_number(value) and 0 <= value < half):
+        raise InputError("wall_offset", value, f"from 0 to below {half:g} m")
+
+
 def _functions(x: Any) -> tuple[Any, Callable[[Any, Any], Any], Callable[[float], Any]]:
     """Square root, maximum and constant for arrays or, without a literal in the form, for UFL."""
     if isinstance(x, ufl.core.expr.Expr):
@@ -87,17 +92,21 @@ def _functions(x: Any) -> tuple[Any, Callable[[Any, Any], Any], Callable[[float]
 class PipeGeometry:
     """Section of a round pipe: diameter [m] and the part solved ("half", "none", "quarter").
 
-    Raises InputError for a diameter that is not positive or a part that does not exist.
+    The mesh ends at `wall_offset` [m] from the wall, for wall functions; area, perimeter and wall
+    distance are those of the pipe. Raises InputError for a diameter that is not positive, an offset
+    that leaves no section, or a part that does not exist.
     """
 
     diameter: float
     symmetry: str = "half"
+    wall_offset: float = 0.0
     script: ClassVar[str] = "pipe"
     layouts: ClassVar[tuple[str, ...]] = ("o-grid", "free")
 
     def __post_init__(self) -> None:
         _positive("geometry.diameter", self.diameter)
         _choice("geometry.symmetry", self.symmetry, tuple(QUADRANTS))
+        _offset(self.wall_offset, self.diameter / 2)
 
     @property
     def radius(self) -> float:
@@ -116,8 +125,9 @@ class PipeGeometry:
 
     @property
     def meshed_area(self) -> float:
-        """Area of the part solved, circle exact [m2]."""
-        return self.area / self.area_factor
+        """Area of the mesh, circle exact: of the part solved and without the strip [m2]."""
+        inner = self.diameter - 2 * self.wall_offset
+        return math.pi * inner**2 / 4 / self.area_factor
 
     @property
     def perimeter(self) -> float:
@@ -137,7 +147,8 @@ class PipeGeometry:
     @property
     def constants(self) -> dict[str, float]:
         """Constants of the Gmsh script."""
-        return {"diameter": self.diameter, "quadrants": QUADRANTS[self.symmetry]}
+        inner = self.diameter - 2 * self.wall_offset
+        return {"diameter": inner, "quadrants": QUADRANTS[self.symmetry]}
 
     def wall_distance(self, x: Any) -> Any:
         """Distance to the wall, y = max(R - |x|, 1e-9 R) [m].
@@ -173,9 +184,7 @@ class DuctGeometry:
         _positive("geometry.width", self.width)
         _positive("geometry.height", self.height)
         _choice("geometry.symmetry", self.symmetry, tuple(QUADRANTS))
-        half = min(self.width, self.height) / 2
-        if not (_number(self.wall_offset) and 0 <= self.wall_offset < half):
-            raise InputError("wall_offset", self.wall_offset, f"from 0 to below {half:g} m")
+        _offset(self.wall_offset, min(self.width, self.height) / 2)
 
     @property
     def radius(self) -> float:
@@ -403,14 +412,20 @@ def check_path(path: str | Path) -> Path:
 
 
 def geometry_of(case: Any) -> Geometry:
-    """Geometry of a case's section; symmetry "auto" takes the half. Raises InputError."""
+    """Geometry of a case's section, raises InputError.
+
+    Symmetry "auto" takes the half; for a duct's gas, which has no weight, the quarter, and the mesh
+    begins at the distance of the wall functions.
+    """
     given = case.geometry
     _choice("geometry.shape", given.shape, ("pipe", "duct"))
-    symmetry = "half" if given.symmetry == "auto" else given.symmetry
+    weightless = case.flow == "duct"
+    part, offset = ("quarter", case.wall_distance) if weightless else ("half", 0.0)
+    symmetry = part if given.symmetry == "auto" else given.symmetry
     if given.shape == "pipe":
-        return PipeGeometry(given.diameter, symmetry)
+        return PipeGeometry(given.diameter, symmetry, offset)
     height = given.width if given.height is None else given.height
-    return DuctGeometry(given.width, height, symmetry)
+    return DuctGeometry(given.width, height, symmetry, offset)
 
 
 def resolution_of(case: Any) -> dict[str, Any]:

@@ -445,7 +445,9 @@ def _case(**geometry: Any) -> SimpleNamespace:
     given = {"shape": "pipe", "diameter": 0.01, "width": None, "height": None, "symmetry": "auto"}
     numerics = {"level": 1, "mesh_size": None, "wall_grading": None, "cells": "triangle"}
     return SimpleNamespace(
-        geometry=SimpleNamespace(**given | geometry), numerics=SimpleNamespace(**numerics)
+        flow="dense",
+        geometry=SimpleNamespace(**given | geometry),
+        numerics=SimpleNamespace(**numerics),
     )
 
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from scipy.optimize import brentq
 
+from fem_tfm.correlations import friction_velocity
 from fem_tfm.flows.duct_section import DuctSection
 from fem_tfm.flows.start import transfer_field
 from fem_tfm.models.reynolds_stress import COMPONENTS
@@ -16,23 +16,6 @@ from fem_tfm.models.reynolds_stress import COMPONENTS
 AXIS_ENERGY = 1.2
 # distance over which profiles are differenced, in half hydraulic diameters
 DIFFERENCE = 1e-4
-
-
-def friction_factor(reynolds: float) -> float:
-    """Darcy friction factor f of a smooth pipe, 1/sqrt(f) = 2 log10(Re sqrt(f)) - 0.8 [-].
-
-    Source: Prandtl and von Karman, as in Schlichting, Boundary-Layer Theory, ch. 20.
-    """
-
-    def error(f: float) -> float:
-        return 1 / np.sqrt(f) - 2 * np.log10(reynolds * np.sqrt(f)) + 0.8
-
-    return brentq(error, 1e-4, 1.0)
-
-
-def friction_velocity(speed: float, width: float, viscosity: float) -> float:
-    """u_tau = U sqrt(f/8) [m/s] at a bulk velocity, hydraulic diameter and kinematic viscosity."""
-    return speed * np.sqrt(friction_factor(speed * width / viscosity) / 8)
 
 
 class _LogLayers:
