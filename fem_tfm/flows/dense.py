@@ -4,34 +4,32 @@
 from __future__ import annotations
 
 import math
-import time
-import tomllib
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 import ufl
 from mpi4py import MPI
 
-from fem_tfm.case import QUANTITIES, Case
-from fem_tfm.errors import InputError, SolverError
+from fem_tfm.case import Case
+from fem_tfm.errors import SolverError
 from fem_tfm.flows import developed
+from fem_tfm.flows.recorder import (
+    Recorder,
+    attempt,
+    check_resumable,
+    prepare,
+    with_references,
+)
 from fem_tfm.flows.section import Section, Setup
 from fem_tfm.mesh import geometry_of, resolution_of, section
 from fem_tfm.models.two_fluid import ClosureSet, Numerics
 from fem_tfm.output import checkpoint
 from fem_tfm.output.fields import FieldWriter, snapshot
-from fem_tfm.output.files import on_root, write_text
+from fem_tfm.output.files import on_root
 from fem_tfm.output.pictures import SectionView, section_picture, vertical_profile
-from fem_tfm.output.profiles import Monitor, write_profiles
-from fem_tfm.output.result import (
-    Quantity,
-    Reference,
-    Result,
-    cpu_seconds,
-    peak_memory_mb,
-    versions,
-)
+from fem_tfm.output.profiles import write_profiles
+from fem_tfm.output.result import Result, versions
 
 if TYPE_CHECKING:
     from fem_tfm.progress import Progress
@@ -262,7 +260,7 @@ COLUMNS = {
 WARNED = ("update", "pressure_gradient", "max_alpha_s", "max_theta")
 
 
-class Recorder(developed.Observer):
+class DenseRecorder(Recorder, developed.Observer):
     """What a run tells and keeps while it works: progress, monitor.csv, checkpoint.
 
     Parameters
@@ -274,33 +272,10 @@ class Recorder(developed.Observer):
     """
 
     def __init__(self, case: Case, out: Path | None, progress: Progress, resume: bool) -> None:
-        self.case = case
-        self.out = out
-        self.progress = progress
-        self.comm = MPI.COMM_WORLD
-        self.seconds = {"setup": 0.0, "compile": 0.0, "solve": 0.0, "output": 0.0}
+        super().__init__(case, out, progress, resume, COLUMNS)
         self.section: Section | None = None
         self.level = self.steps = 0
         self._begun: tuple[Section, int, int] | None = None
-        self.monitor: Monitor | None = None
-        self._file: TextIO | None = None
-        self._began = self._lap = time.perf_counter()
-        if out is not None and self.comm.rank == 0:
-            self.monitor = Monitor(out / "monitor.csv", COLUMNS, append=resume)
-            self._file = (out / "run.log").open("a", encoding="utf-8")
-        self.log(f"fem_tfm {versions().get('fem_tfm', '')}, {self.comm.size} rank(s): {case.title}")
-
-    def log(self, text: str) -> None:
-        """One line of run.log, with the wall time since the start."""
-        if self._file is not None:
-            self._file.write(f"{time.perf_counter() - self._began:9.2f} s  {text}\n")
-            self._file.flush()
-
-    def lap(self, stage: str) -> None:
-        """Book the time since the last call under a stage."""
-        now = time.perf_counter()
-        self.seconds[stage] += now - self._lap
-        self._lap = now
 
     def compiling(self, what: str) -> None:
         """Tell which form is prepared, on the first mesh: later ones find it in the cache."""
@@ -365,12 +340,6 @@ class Recorder(developed.Observer):
         fields = {name: section.unknown(name) for name in section.names}
         checkpoint.save(self.out, self.comm, fields, numbers)
 
-    def close(self) -> None:
-        """Close the monitor and the log."""
-        for file in (self.monitor, self._file):
-            if file is not None:
-                file.close()
-
 
 def run(
     case: Case, out: Path | None, *, resume: bool, overwrite: bool, progress: Progress
@@ -386,14 +355,15 @@ def run(
     """
     comm = MPI.COMM_WORLD
     if resume:
-        _check_resumable(case, out)
+        check_resumable(case, out)
     if out is not None:
-        on_root(comm, lambda: _prepare(case, out, overwrite))
-    recorder = Recorder(case, out, progress, resume)
+        on_root(comm, lambda: prepare(case, out, overwrite, FILES))
+    recorder = DenseRecorder(case, out, progress, resume)
     restart = _restart(case, out, recorder) if resume else None
     for sentence in advice(case):
         progress.warn(sentence)
-    try:
+
+    def solve() -> Result:
         solution = developed.solve(
             meshes(case),
             setup_of(case),
@@ -404,37 +374,21 @@ def run(
         )
         recorder.lap("solve")
         return _finish(case, solution, recorder)
-    except SolverError as stop:
-        _keep(case, recorder, "failed", str(stop))
-        hint = f"; its last state is in {out} (fields.xdmf, --resume)" if out is not None else ""
-        raise SolverError(f"{stop}{hint}") from stop
-    except KeyboardInterrupt:
-        _keep(case, recorder, "interrupted", "interrupted by the user")
-        raise
-    finally:
-        recorder.close()
+
+    return attempt(solve, partial(_keep, case, recorder), recorder)
 
 
-def _keep(case: Case, recorder: Recorder, status: str, reason: str) -> None:
+def _keep(case: Case, recorder: DenseRecorder, status: str, reason: str) -> None:
     """Write what an unfinished run has: its last accepted state and why it stopped."""
     result = _result(case, status, recorder, reason)
     recorder.log(f"{status}: {reason}")
     if recorder.section is not None:
         recorder.save()
         _write_fields(case, recorder.section, result, recorder)
-    _write(result, recorder)
+    recorder.write(result)
 
 
-def _prepare(case: Case, out: Path, overwrite: bool) -> None:
-    """Make the directory with the complete case; a replaced run leaves nothing of its own."""
-    out.mkdir(parents=True, exist_ok=True)
-    if overwrite:
-        for name in (checkpoint.FILE, *FILES):
-            (out / name).unlink(missing_ok=True)
-    write_text(out / "case.toml", case.dump())
-
-
-def _restart(case: Case, out: Path, recorder: Recorder) -> tuple[int, Any]:
+def _restart(case: Case, out: Path, recorder: DenseRecorder) -> tuple[int, Any]:
     """Mesh to go on with and how to put the stored state on it."""
     numbers = checkpoint.numbers(out)
     recorder.steps = int(numbers["steps"])
@@ -449,58 +403,23 @@ def _restart(case: Case, out: Path, recorder: Recorder) -> tuple[int, Any]:
     return int(numbers["level"]), restore
 
 
-# keys that a resumed run may change
-FREE_TO_CHANGE = ("title", "inferred", "reference", "output", "numerics.max_steps")
-
-
-def _check_resumable(case: Case, out: Path) -> None:
-    """Refuse to go on with another case, or without a state to go on from."""
-    if not checkpoint.numbers(out):
-        raise InputError("--resume", str(out), "a directory that holds a checkpoint")
-    stored = tomllib.loads((out / "case.toml").read_text(encoding="utf-8"))
-    changed = sorted(_flat(stored).items() ^ _flat(tomllib.loads(case.dump())).items())
-    keys = {key for key, _ in changed if not key.startswith(FREE_TO_CHANGE)}
-    if keys:
-        allowed = (
-            f"the directory of a run of this very case; different are {', '.join(sorted(keys))}"
-        )
-        raise InputError("--resume", str(out), allowed)
-
-
-def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, str]:
-    """Dotted keys and the text of their values."""
-    flat = {}
-    for key, value in table.items():
-        if isinstance(value, dict):
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[prefix + key] = repr(value)
-    return flat
-
-
-def _finish(case: Case, solution: developed.Solution, recorder: Recorder) -> Result:
+def _finish(case: Case, solution: developed.Solution, recorder: DenseRecorder) -> Result:
     """Quantities with their errors, balances and files of a converged run."""
     section = solution.section
     kept = checked_balances(section)
     found, errors = estimated(solution, case.geometry.length)
     result = _result(case, "converged", recorder)
-    references: dict[str, list[Reference]] = {}
-    for given in case.reference:
-        references.setdefault(given.quantity, []).append(Reference(given.value, given.source))
-    for name, value in found.items():
-        known = tuple(references.get(name, ()))
-        unit, error = QUANTITIES[name], errors[name]
-        result.quantities[name] = Quantity(value, unit, error, references=known)
+    result.quantities = with_references(case, found, errors)
     result.balances = kept
     _write_fields(case, section, result, recorder)
     recorder.save_final()
     recorder.lap("output")
-    _write(result, recorder)
+    recorder.write(result)
     recorder.log(f"converged: pressure gradient {result['pressure_gradient']:.6g} Pa/m")
     return result
 
 
-def _result(case: Case, status: str, recorder: Recorder, reason: str = "") -> Result:
+def _result(case: Case, status: str, recorder: DenseRecorder, reason: str = "") -> Result:
     section, comm = recorder.section, recorder.comm
     return Result(
         status=status,
@@ -519,14 +438,7 @@ def _result(case: Case, status: str, recorder: Recorder, reason: str = "") -> Re
     )
 
 
-def _write(result: Result, recorder: Recorder) -> None:
-    result.cpu_seconds = cpu_seconds(recorder.comm)
-    result.peak_memory_mb = peak_memory_mb(recorder.comm)
-    if recorder.out is not None:
-        on_root(recorder.comm, lambda: result.write(recorder.out))
-
-
-def _write_fields(case: Case, section: Section, result: Result, recorder: Recorder) -> None:
+def _write_fields(case: Case, section: Section, result: Result, recorder: DenseRecorder) -> None:
     """XDMF, profiles along the vertical diameter and pictures."""
     out, comm, mesh = recorder.out, recorder.comm, section.mesh.mesh
     fields = section.fields()

@@ -40,7 +40,7 @@ def backward_weights(step: float, before: float | None) -> tuple[float, float, f
 class MarchControl:
     """How the step moves.
 
-    first, largest, smallest : steps [m]
+    first, largest, smallest : steps [m]; only failures make them smaller than the first
     bend : how far a station may lie from the line through the two before it, relative rms
     growth : largest factor from one step to the next; BDF2 is stable below 1 + sqrt(2)
     cut : factor after a failed step
@@ -53,12 +53,12 @@ class MarchControl:
     first: float
     largest: float
     smallest: float
-    bend: float = 0.05
+    bend: float = 0.03
     growth: float = 1.5
     cut: float = 0.4
     easy: int = 3
     hard: int = 5
-    tolerance: float = 1e-9
+    tolerance: float = 1e-10
     max_iterations: int = 8
     order: int = 2
     max_stations: int = 10000
@@ -199,7 +199,8 @@ class March:
             factor = min(factor, 0.7)
         elif stop.iterations > control.easy:
             factor = min(factor, 1.0)
-        return min(step * min(max(factor, control.cut), control.growth), control.largest)
+        wanted = step * min(max(factor, control.cut), control.growth)
+        return min(max(wanted, min(step, control.first)), control.largest)
 
     def _keep(self, forget: bool) -> None:
         """The unknowns become those of the last station."""
