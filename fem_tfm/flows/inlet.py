@@ -9,7 +9,6 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from fem_tfm.closures.materials import Gas, Solids
 from fem_tfm.flows.section import Section
 
 # the power law ends short of the wall, over half the hydraulic diameter
@@ -30,21 +29,6 @@ class Inlet:
     solids_fraction: float | None = None
     solids_velocity: float | None = None
     intensity: float = 0.05
-
-
-def feed_velocity(gas_velocity: float, diameter: float, gas: Gas, solids: Solids) -> float:
-    """Velocity at which a feeder brings the solids to the gas [m/s].
-
-        u_s = U_g (1 - 0.68 d^0.92 rho_s^0.5 rho_g^-0.2 D^-0.54)
-
-    gas_velocity : superficial U_g [m/s]
-    diameter : hydraulic diameter of the section D [m]
-
-    Negative for grains too large for the correlation. Source: eq. (22) of Ding et al. (2024), Appl.
-    Sci. 14, 2031, all in SI units.
-    """
-    lag = 0.68 * solids.diameter**0.92 * solids.density**0.5
-    return gas_velocity * (1 - lag * gas.density**-0.2 * diameter**-0.54)
 
 
 def enter(section: Section, inlet: Inlet) -> None:

@@ -13,8 +13,8 @@ from fem_tfm.solvers.newton import Border
 class Station(Section):
     """A section with the flux differences to the stations before it.
 
-    What enters leaves: the forms of continuity give each phase the flux of the station before, for
-    any G. The wrong G would show as a mean of the pressure in the section, so G is the one for which
+    What enters leaves: the forms of continuity give each phase the flux of the station before for
+    any G. A wrong G would show as a mean of the pressure in the section, so G is the one for which
     that mean is zero. `old` and `older` hold the two stations before, `weights` the backward
     difference.
     """

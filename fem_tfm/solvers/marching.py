@@ -131,14 +131,16 @@ class March:
         control = self.control
         place = start or Place(0.0, None, control.first)
         for _ in range(control.max_stations):
+            if place.z >= end:
+                return place
             rest = end - place.z
             step = rest if place.next * LAST >= rest else min(place.next, rest / 2)
             self._keep(forget=place.last is None)
             stop = self._accepted(place, min(step, rest), end)
             place = stop.place
             self.observe(stop)
-            if place.z >= end:
-                return place
+        if place.z >= end:
+            return place
         raise SolverError(f"{control.max_stations} stations led to z = {place.z:.4g} m only")
 
     def _accepted(self, place: Place, step: float, end: float) -> Stop:
