@@ -110,7 +110,16 @@ class Line:
         self.rows: list[dict[str, float]] = []
         self.sums = Sums(("head", "driven", "resisted"))
         self.place: Place | None = None
-        self._axial_dofs: dict[str, np.ndarray] = {}
+        spaces = {
+            name: self.station.space.sub(i).collapse() for i, name in enumerate(self.station.names)
+        }
+        self._dofs = {name: np.asarray(dofs).ravel() for name, (_, dofs) in spaces.items()}
+        # what a checkpoint holds; made once, for a space takes longer to make than to fill
+        self._copies = {
+            (key, name): fem.Function(space)
+            for key in ("now", "old")
+            for name, (space, _) in spaces.items()
+        }
 
     # -- the march -----------------------------------------------------------------------------
 
@@ -193,9 +202,7 @@ class Line:
 
     def save(self, directory: Path) -> None:
         """Keep the station at hand, the one before it and the table."""
-        station, place = self.station, self.place
-        fields = {name: station.unknown(name) for name in station.names}
-        fields |= {f"before.{name}": f for name, f in self._before().items()}
+        place, station = self.place, self.station
         numbers = {
             "z": place.z,
             "last": math.nan if place.last is None else place.last,
@@ -205,45 +212,37 @@ class Line:
         }
         tables = {name: [row[name] for row in self.rows] for name in self.rows[0]}
         tables |= {f"sum.{name}": [v, self.sums.old[name]] for name, v in self.sums.now.items()}
+        for (key, name), function in self._copies.items():
+            source = station.now if key == "now" else station.old
+            function.x.array[:] = source.x.array[self._dofs[name]]
+        fields = {f"{key}.{name}": function for (key, name), function in self._copies.items()}
         checkpoint.save(directory, MPI.COMM_WORLD, fields, numbers, tables)
 
     def load(self, directory: Path) -> None:
         """Stand where a checkpoint was written."""
         station = self.station
-        fields = {name: station.unknown(name) for name in station.names}
-        before = self._before()
-        both = fields | {f"before.{name}": f for name, f in before.items()}
-        numbers = checkpoint.load(directory, MPI.COMM_WORLD, both)
-        for name, function in before.items():
-            station.set_unknown(name, function)
-        station.old.x.array[:] = station.now.x.array
-        for name, function in fields.items():
-            station.set_unknown(name, function)
+        fields = {f"{key}.{name}": function for (key, name), function in self._copies.items()}
+        numbers = checkpoint.load(directory, MPI.COMM_WORLD, fields)
+        for (key, name), function in self._copies.items():
+            target = station.now if key == "now" else station.old
+            target.x.array[self._dofs[name]] = function.x.array
         station.drive.value, self._entered = numbers["drive"], numbers["entered"]
         last = None if math.isnan(numbers["last"]) else numbers["last"]
         self.place = Place(numbers["z"], last, numbers["next"])
         tables = checkpoint.tables(directory)
         for name in self.sums.now:
             self.sums.now[name], self.sums.old[name] = tables.pop(f"sum.{name}")
-        self.rows = [
-            dict(zip(tables, row, strict=True)) for row in zip(*tables.values(), strict=True)
-        ]
+        rows = zip(*tables.values(), strict=True)
+        self.rows = [dict(zip(tables, row, strict=True)) for row in rows]
         self._remember()
-
-    def _before(self) -> dict[str, fem.Function]:
-        """Copies of the unknowns of the station before."""
-        old, names = self.station.old, self.station.names
-        return {name: old.sub(i).collapse() for i, name in enumerate(names)}
 
     # -- what a station tells ------------------------------------------------------------------
 
     def _axial(self, name: str, extreme: Any) -> float:
         """Smallest or largest axial velocity of a phase at its nodes [m/s]."""
         station = self.station
-        sub = station.space.sub(station.names.index(name)).sub(2)
-        if name not in self._axial_dofs:
-            self._axial_dofs[name] = np.asarray(sub.collapse()[1]).ravel()
-        values = station.now.x.array[self._axial_dofs[name]]
+        # components of a velocity alternate
+        values = station.now.x.array[self._dofs[name][2::3]]
         best = extreme(values, default=math.inf if extreme is min else -math.inf)
         return float(station.mesh.mesh.comm.allreduce(best, MPI.MIN if extreme is min else MPI.MAX))
 
@@ -279,7 +278,9 @@ class Line:
         station, solids = self.station, self.station.setup.solids
         height = self.case.geometry.size[1]
         y = np.linspace(-0.5, 0.5, BED_POINTS) * height * (1 - 1e-6)
-        q = point_values(station.unknown("q"), np.column_stack([0 * y, y]))
+        logit = self._copies["now", "q"]
+        logit.x.array[:] = station.now.x.array[self._dofs["q"]]
+        q = point_values(logit, np.column_stack([0 * y, y]))
         alpha, limit = solids.packing_limit / (1 + np.exp(-q)), solids.friction_limit
         dense_points = np.flatnonzero(alpha >= limit)
         if not len(dense_points):
@@ -410,7 +411,7 @@ class LineRecorder(Recorder):
         self.log(f"{text}; from z = {line.place.z:.4g} m")
         if self.out is not None and self.case.output.xdmf:
             self._writer = FieldWriter(self.out / "fields", mesh.mesh, append=self._resume)
-        self._due = line.place.z
+        self._due = self._next_due(line.place.z) if self._resume else 0.0
         if not self._resume:
             self._keep(line)
 
@@ -438,15 +439,18 @@ class LineRecorder(Recorder):
         return math.log1p(z / unit) / math.log1p(self.case.geometry.length / unit)
 
     def _keep(self, line: Line) -> None:
-        """Write the station to fields.xdmf if it is due, and the checkpoint."""
+        """Write the checkpoint, and the station to fields.xdmf if it is due."""
+        if self.out is not None:
+            line.save(self.out)
         z = line.place.z
         if self._writer is not None and (z >= self._due or z >= line.length):
             self._writer.write(z, dense.chosen_fields(self.case, line.station))
-        every = line.length / self.case.output.stations
-        if z >= self._due:
-            self._due = (math.floor(z / every + 1e-9) + 1) * every
-        if self.out is not None:
-            line.save(self.out)
+            self._due = self._next_due(z)
+
+    def _next_due(self, z: float) -> float:
+        """The next of the evenly spaced places at which a section goes to fields.xdmf [m]."""
+        every = self.case.geometry.length / self.case.output.stations
+        return (math.floor(z / every + 1e-9) + 1) * every
 
 
 def solve(case: Case, observer: Any, resume: Path | None = None) -> Line:
