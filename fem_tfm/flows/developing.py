@@ -145,8 +145,8 @@ class Line:
         self._entered = self.momentum()
         self._tell()
 
-    def march(self, observer: Any) -> None:
-        """Go on to the end of the line; `observer` has `station` and `retry`.
+    def march(self, observer: Observer) -> None:
+        """Go on to the end of the line.
 
         Raises
         ------
@@ -191,7 +191,7 @@ class Line:
             if name in self.station.names:
                 slowest = self._axial(name, min)
                 if slowest < BACK_FLOW * self.station.setup.gas_velocity:
-                    return f"the {phase} would flow back with {-slowest:.2g} m/s, against the march"
+                    return f"the {phase} would flow back at {-slowest:.2g} m/s, against the march"
         return ""
 
     def step_back(self) -> None:
@@ -363,6 +363,24 @@ class Line:
         }
 
 
+class Observer:
+    """What a march tells while it works; this one keeps it to itself."""
+
+    def compiling(self, what: str) -> None:
+        """A form is about to be compiled."""
+
+    def begin(self, line: Line) -> None:
+        """The line stands at its inlet, or where a checkpoint was written."""
+
+    def station(self, line: Line, stop: Stop) -> None:
+        """A station was accepted."""
+
+    def retry(self, step: float, reason: str) -> None:
+        """A step was taken back and is tried again with `step` [m]."""
+
+
+QUIET = Observer()
+
 # -- the run -----------------------------------------------------------------------------------
 
 FILES = (*dense.FILES, "axis.csv", "axis.png")
@@ -379,7 +397,7 @@ MONITOR = {
 WARNED = ("pressure_gradient", "holdup", "max_solids_fraction", "max_theta")
 
 
-class LineRecorder(Recorder):
+class LineRecorder(Recorder, Observer):
     """What a march tells and keeps while it works: progress, monitor.csv, checkpoint, fields.xdmf.
 
     case, out, progress, resume : as for `Recorder`
@@ -453,10 +471,8 @@ class LineRecorder(Recorder):
         return (math.floor(z / every + 1e-9) + 1) * every
 
 
-def solve(case: Case, observer: Any, resume: Path | None = None) -> Line:
+def solve(case: Case, observer: Observer = QUIET, resume: Path | None = None) -> Line:
     """March a line from its inlet, or from the checkpoint in a directory, to its outlet.
-
-    observer : has `compiling`, `begin`, `station` and `retry`
 
     Raises
     ------

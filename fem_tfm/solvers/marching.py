@@ -47,6 +47,7 @@ class MarchControl:
     easy, hard : Newton iterations at or below which the step may grow, above which it shrinks
     tolerance : relative update at which a station counts as solved
     order : 1 for backward Euler, 2 for BDF2
+    refusals : how often a station that is no answer is tried again with a smaller step
     max_stations : stations before giving up
     """
 
@@ -61,7 +62,12 @@ class MarchControl:
     tolerance: float = 1e-10
     max_iterations: int = 8
     order: int = 2
+    refusals: int = 2
     max_stations: int = 10000
+
+
+class _Refused(LinearSolveError):
+    """Newton has solved a station that is no answer."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +151,7 @@ class March:
 
     def _accepted(self, place: Place, step: float, end: float) -> Stop:
         """Repeat a step with smaller ones until it succeeds."""
-        control = self.control
+        control, refusals = self.control, 0
         while True:
             try:
                 stop = self._solved(place, step)
@@ -153,9 +159,10 @@ class March:
             except LinearSolveError as error:
                 self._restore()
                 step *= control.cut
-                self.retry(step, str(error))
-                if step < control.smallest:
+                refusals += isinstance(error, _Refused)
+                if step < control.smallest or refusals > control.refusals:
                     raise SolverError(f"marching ends at z = {place.z:.4g} m: {error}") from error
+                self.retry(step, str(error))
         z = end if end - place.z - step <= 1e-12 * end else place.z + step
         return replace(stop, place=Place(z, step, self._next(step, stop)))
 
@@ -168,7 +175,7 @@ class March:
         guess = self._predict(step / place.last if place.last else 0.0)
         iterations, update = self._newton()
         if reason := self.check():
-            raise LinearSolveError(reason)
+            raise _Refused(reason)
         return Stop(place, iterations, update, self._bend(guess))
 
     def _newton(self) -> tuple[int, float]:
