@@ -198,12 +198,16 @@ def checked_balances(section: Section) -> dict[str, float]:
 
 def skipped(case: Case) -> list[str]:
     """What the scene did not need, and why."""
-    laws, left_out = case.closures, ["axial direction: a developed section has d/dz = 0"]
+    laws, developing = case.closures, case.solution == "developing"
+    left_out = ["axial direction: a developed section has d/dz = 0"]
+    if developing:
+        left_out = ["upstream influence: stresses are not differentiated along the axis"]
     if geometry_of(case).symmetry == "half":
         left_out.append("left half: mirror image of the right one")
-    left_out.append("history: pseudo-time leads straight to the steady state")
+    way = "the march along the axis" if developing else "pseudo-time"
+    left_out.append(f"history: {way} leads straight to the steady state")
     if case.operation.outlet_pressure is not None:
-        left_out.append("outlet pressure: the gas has one density along a developed section")
+        left_out.append("compressibility: the gas has one density along the line")
     if case.solids is None:
         left_out.append("solids, granular temperature, drag: no table [solids]")
     else:
@@ -380,7 +384,7 @@ def run(
 
 def _keep(case: Case, recorder: DenseRecorder, status: str, reason: str) -> None:
     """Write what an unfinished run has: its last accepted state and why it stopped."""
-    result = _result(case, status, recorder, reason)
+    result = result_of(case, status, recorder, reason)
     recorder.log(f"{status}: {reason}")
     if recorder.section is not None:
         recorder.save()
@@ -408,7 +412,7 @@ def _finish(case: Case, solution: developed.Solution, recorder: DenseRecorder) -
     section = solution.section
     kept = checked_balances(section)
     found, errors = estimated(solution, case.geometry.length)
-    result = _result(case, "converged", recorder)
+    result = result_of(case, "converged", recorder)
     result.quantities = with_references(case, found, errors)
     result.balances = kept
     _write_fields(case, section, result, recorder)
@@ -419,12 +423,13 @@ def _finish(case: Case, solution: developed.Solution, recorder: DenseRecorder) -
     return result
 
 
-def _result(case: Case, status: str, recorder: DenseRecorder, reason: str = "") -> Result:
+def result_of(case: Case, status: str, recorder: Any, reason: str = "") -> Result:
+    """A result without numbers yet; `recorder` tells the section and the times."""
     section, comm = recorder.section, recorder.comm
     return Result(
         status=status,
         flow=case.flow,
-        solution="developed",
+        solution="developing" if case.solution == "developing" else "developed",
         title=case.title,
         cells=section.mesh.num_cells if section else 0,
         dofs=section.dofs if section else 0,
@@ -440,12 +445,21 @@ def _result(case: Case, status: str, recorder: DenseRecorder, reason: str = "") 
 
 def _write_fields(case: Case, section: Section, result: Result, recorder: DenseRecorder) -> None:
     """XDMF, profiles along the vertical diameter and pictures."""
-    out, comm, mesh = recorder.out, recorder.comm, section.mesh.mesh
-    fields = section.fields()
-    moment = snapshot(mesh, fields)
-    if out is not None and case.output.xdmf:
-        with FieldWriter(out / "fields", mesh) as writer:
-            writer.write(0.0, {n: f for n, f in fields.items() if n in case.output.fields})
+    if recorder.out is not None and case.output.xdmf:
+        with FieldWriter(recorder.out / "fields", section.mesh.mesh) as writer:
+            writer.write(0.0, chosen_fields(case, section))
+    write_section(case, section, result, recorder.out)
+
+
+def chosen_fields(case: Case, section: Section) -> dict[str, Any]:
+    """The fields that a case wants in fields.xdmf."""
+    return {n: f for n, f in section.fields().items() if n in case.output.fields}
+
+
+def write_section(case: Case, section: Section, result: Result, out: Path | None) -> None:
+    """Profiles along the vertical diameter, for the result and the files, and the picture."""
+    mesh = section.mesh.mesh
+    moment = snapshot(mesh, section.fields())
 
     def draw() -> None:
         view = SectionView.of_cells(
@@ -461,7 +475,7 @@ def _write_fields(case: Case, section: Section, result: Result, recorder: DenseR
         if case.output.pictures:
             section_picture(out / "section.png", view, values, case.title)
 
-    on_root(comm, draw)
+    on_root(mesh.comm, draw)
 
 
 PROFILE_UNITS = {
@@ -478,9 +492,7 @@ PROFILE_UNITS = {
 def describe(case: Case) -> dict[str, Any]:
     """What would be solved, what is left out, and what it would take."""
     sizes = mesh_sizes(case)
-    mesh = section(geometry_of(case), size=sizes[-1], **_resolution(case))
-    cells = mesh.num_cells
-    unknowns = round(cells * (UNKNOWNS_PER_CELL if case.solids else GAS_UNKNOWNS_PER_CELL))
+    cells, unknowns = size_of(case)
     laws = case.closures
     chosen = [laws.drag, laws.radial, laws.granular, laws.friction] if case.solids else []
     chosen += [laws.turbulence, case.walls.gas] + ([case.walls.solids] if case.solids else [])
@@ -498,6 +510,13 @@ def describe(case: Case) -> dict[str, Any]:
         "inferred": list(case.inferred) or "nothing",
         "warnings": advice(case) or "none",
     }
+
+
+def size_of(case: Case) -> tuple[int, int]:
+    """Cells of the finest mesh, and about how many unknowns."""
+    mesh = section(geometry_of(case), size=mesh_sizes(case)[-1], **_resolution(case))
+    per_cell = UNKNOWNS_PER_CELL if case.solids else GAS_UNKNOWNS_PER_CELL
+    return mesh.num_cells, round(mesh.num_cells * per_cell)
 
 
 # measured on the demo: unknowns of P2/P1 triangles, memory and CPU time of a cold run

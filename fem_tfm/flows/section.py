@@ -25,7 +25,7 @@ from fem_tfm.closures.materials import Gas, Solids
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.discretisation import Discretisation
 from fem_tfm.mesh import Mesh
-from fem_tfm.models.axis import DevelopedAxis
+from fem_tfm.models.axis import Axis, DevelopedAxis
 from fem_tfm.models.two_fluid import ClosureSet, Domain, Numerics, State, TwoFluid
 from fem_tfm.solvers.newton import Block, Border, BorderedNewton
 
@@ -109,8 +109,13 @@ class Section(Discretisation):
         self.drive = self._constant(0.0)
         self.source = self._constant(0.0)
         self.domain = self._domain()
-        self.model = TwoFluid(*setup.bound(self._number), DevelopedAxis(), self.domain)
+        self.area = self.integral("area", self._constant(1.0))
+        self.model = TwoFluid(*setup.bound(self._number), self._axis(), self.domain)
         self.newton = self._newton(progress)
+
+    def _axis(self) -> Axis:
+        """How the flow changes along the axis."""
+        return DevelopedAxis()
 
     def update(self, setup: Setup) -> None:
         """Take over the numbers of a setup of the same structure; nothing is compiled or built.
@@ -195,19 +200,22 @@ class Section(Discretisation):
 
     def _borders(self) -> list[Border]:
         """G is set by the gas flux, the uniform source of solids by hold-up or flux."""
-        now, test, dx = self.state(self.now), self._test(), self.domain.dx
+        now, dx, targets = self.state(self.now), self.domain.dx, self._targets()
         alpha = self.model.alpha(now)
-        self.area = self.integral("area", self._constant(1.0))
-        targets = self._targets()
-        gas_column = -(1 - alpha) * test.u_g[2] * dx
-        if self.setup.solids is None:
-            return [self._border(self.drive, gas_column, now.u_g[2] * dx, targets[0])]
-        column = gas_column - alpha * test.u_s[2] * dx
-        carried = alpha * dx if self.setup.feed[0] == "holdup" else alpha * now.u_s[2] * dx
-        return [
-            self._border(self.drive, column, (1 - alpha) * now.u_g[2] * dx, targets[0]),
-            self._border(self.source, -alpha * test.q * dx, carried, targets[1]),
-        ]
+        borders = [self._drive_border((1 - alpha) * now.u_g[2] * dx, targets[0])]
+        if self.setup.solids is not None:
+            carried = alpha * dx if self.setup.feed[0] == "holdup" else alpha * now.u_s[2] * dx
+            column = -alpha * self._test().q * dx
+            borders.append(self._border(self.source, column, carried, targets[1]))
+        return borders
+
+    def _drive_border(self, constraint: Any, target: float) -> Border:
+        """G, which drives both phases, and what determines it."""
+        test, alpha = self._test(), self.model.alpha(self.state(self.now))
+        column = -(1 - alpha) * test.u_g[2] * self.domain.dx
+        if self.setup.solids is not None:
+            column -= alpha * test.u_s[2] * self.domain.dx
+        return self._border(self.drive, column, constraint, target)
 
     def _targets(self) -> list[float]:
         """Gas flux, and hold-up or solids flux, of the meshed part of the section.
@@ -227,7 +235,7 @@ class Section(Discretisation):
         scales = {"u_g": (speed,), "p": (head,), "u_s": (speed,)}
         scales |= {"q": (1.0, 1.0), "tau": (1.0, 1.5)}
         dofs = dict(zip(self.names, self._dofs, strict=True))
-        return [Block(n, dofs[n], *scales[n]) for n in self.names]
+        return [Block(n, dofs[n], *scales[n], follows=n == "p") for n in self.names]
 
     # -- what others read ----------------------------------------------------------------------
 

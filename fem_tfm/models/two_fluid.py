@@ -163,6 +163,10 @@ class Solid:
         )
 
 
+# unit vector downstream
+AXIAL = ufl.as_vector((0.0, 0.0, 1.0))
+
+
 def deviatoric_strain(rate: Expr) -> Expr:
     """S = dev(sym(grad u)), shape (3, 3) [1/s]."""
     return ufl.sym(rate) - ufl.tr(rate) / 3 * ufl.Identity(3)
@@ -211,10 +215,15 @@ class TwoFluid:
         """Theta = exp(tau) [m2/s2]."""
         return ufl.exp(state.tau)
 
+    def rate(self, state: State, phase: str) -> Expr:
+        """L = grad u of "u_g" or "u_s" with its axial column, shape (3, 3) [1/s]."""
+        along = self.axis.change(lambda s: getattr(s, phase), state)
+        return self.axis.jacobian(getattr(state, phase)) + ufl.outer(along, AXIAL)
+
     def solid(self, state: State) -> Solid:
         """Closures of the solids at a state."""
         alpha, theta = self.alpha(state), self.theta(state)
-        rate = self.axis.jacobian(state.u_s)
+        rate = self.rate(state, "u_s")
         strain, dilation = deviatoric_strain(rate), ufl.tr(rate)
         g0 = self.closures.radial.g0(alpha, self.solids)
         kinetic = self.closures.granular.coefficients(
@@ -234,7 +243,7 @@ class TwoFluid:
 
     def gas_viscosity(self, state: State) -> Expr:
         """mu_g,eff = mu_g + mu_t [Pa s], of the stretched profile where a wall law stretches it."""
-        strain = deviatoric_strain(self.axis.jacobian(state.u_g))
+        strain = deviatoric_strain(self.rate(state, "u_g"))
         shear = ufl.sqrt(2 * ufl.inner(strain, strain) + self.numerics.shear_floor**2)
         height, slope = self.closures.gas_wall.stretched(
             self.domain.wall_distance, self.domain.wall_offset
@@ -255,16 +264,20 @@ class TwoFluid:
         alpha = self.alpha(now)
         flux = alpha * now.u_s + self.numerical_flux(now)
         rate = idt * (alpha - self.alpha(old)) - source * alpha
+        rate += self.axis.change(lambda s: self.alpha(s) * s.u_s[2], now)
         return (rate * w - ufl.inner(flux, self.axis.gradient(w))) * self.domain.dx
 
     def mixture_mass(self, now: State, w: Expr) -> ufl.Form:
         """div(alpha_s u_s + alpha_g u_g) = 0, with nothing through the walls."""
-        alpha = self.alpha(now)
-        flux = (1 - alpha) * now.u_g
-        if self.solids is not None:
-            flux = flux + alpha * now.u_s
+        flux, along = self.volume_flux(now), self.axis.change(lambda s: self.volume_flux(s)[2], now)
         shift = self.numerics.pressure_shift * now.p * w
-        return -(ufl.inner(flux, self.axis.gradient(w)) + shift) * self.domain.dx
+        return -(ufl.inner(flux, self.axis.gradient(w)) - along * w + shift) * self.domain.dx
+
+    def volume_flux(self, state: State) -> Expr:
+        """alpha_s u_s + alpha_g u_g, the flux of both phases [m/s]."""
+        alpha = self.alpha(state)
+        gas = (1 - alpha) * state.u_g
+        return gas if self.solids is None else gas + alpha * state.u_s
 
     def solids_momentum(self, now: State, old: State, v: Expr, idt: Any, drive: Any) -> ufl.Form:
         """Momentum of the solids, with wall friction and the weak condition u_s.n = 0."""
@@ -272,9 +285,10 @@ class TwoFluid:
         a, a0 = solid.alpha, self.alpha(old)
         flux = a * now.u_s + self.numerical_flux(now)
         body = a * (self.axis.gradient(now.p) - (rho - self.gas.density) * self.gravity)
+        along = self.axis.change(lambda s: self.alpha(s) * s.u_s[2] * s.u_s, now)
         form = (
             rho * idt * ufl.inner(a * now.u_s - a0 * old.u_s, v)
-            + ufl.inner(body, v)
+            + ufl.inner(body + rho * along, v)
             - a * drive * v[2]
             - self.drag(now) * ufl.inner(now.u_g - now.u_s, v)
             + ufl.inner(solid.stress() - rho * ufl.outer(now.u_s, flux), self.axis.jacobian(v))
@@ -290,10 +304,11 @@ class TwoFluid:
         flux = a * now.u_g
         if self.solids is not None:
             flux = flux - self.numerical_flux(now)
-        stress = 2 * a * mu * deviatoric_strain(self.axis.jacobian(now.u_g))
+        stress = 2 * a * mu * deviatoric_strain(self.rate(now, "u_g"))
+        along = self.axis.change(lambda s: (1 - self.alpha(s)) * s.u_g[2] * s.u_g, now)
         form = (
             rho * idt * ufl.inner(a * now.u_g - a0 * old.u_g, v)
-            + a * ufl.inner(self.axis.gradient(now.p), v)
+            + ufl.inner(a * self.axis.gradient(now.p) + rho * along, v)
             - a * drive * v[2]
             + ufl.inner(stress - rho * ufl.outer(now.u_g, flux), self.axis.jacobian(v))
         ) * self.domain.dx
@@ -334,8 +349,10 @@ class TwoFluid:
         old_energy = self.alpha(old) * self.theta(old)
         flux = solid.alpha * now.u_s + self.numerical_flux(now)
         conduction = k.conductivity * theta * self.axis.gradient(now.tau)
+        along = self.axis.change(lambda s: self.alpha(s) * self.theta(s) * s.u_s[2], now)
+        stored = idt * (solid.alpha * theta - old_energy) + along
         form = (
-            (1.5 * rho * idt * (solid.alpha * theta - old_energy) - work + sink) * w
+            (1.5 * rho * stored - work + sink) * w
             + ufl.inner(conduction - 1.5 * rho * theta * flux, self.axis.gradient(w))
         ) * self.domain.dx
         heat = self.closures.solids_wall.heat(self.wall_state(now, solid), self.solids)

@@ -40,28 +40,34 @@ def backward_weights(step: float, before: float | None) -> tuple[float, float, f
 class MarchControl:
     """How the step moves.
 
-    first, largest, smallest : steps [m]
+    first, largest, smallest : steps [m]; only failures make them smaller than the first
     bend : how far a station may lie from the line through the two before it, relative rms
     growth : largest factor from one step to the next; BDF2 is stable below 1 + sqrt(2)
     cut : factor after a failed step
     easy, hard : Newton iterations at or below which the step may grow, above which it shrinks
     tolerance : relative update at which a station counts as solved
     order : 1 for backward Euler, 2 for BDF2
+    refusals : how often a station that is no answer is tried again with a smaller step
     max_stations : stations before giving up
     """
 
     first: float
     largest: float
     smallest: float
-    bend: float = 0.05
+    bend: float = 0.03
     growth: float = 1.5
     cut: float = 0.4
     easy: int = 3
     hard: int = 5
-    tolerance: float = 1e-9
+    tolerance: float = 1e-10
     max_iterations: int = 8
     order: int = 2
+    refusals: int = 2
     max_stations: int = 10000
+
+
+class _Refused(LinearSolveError):
+    """Newton has solved a station that is no answer."""
 
 
 @dataclass(frozen=True)
@@ -131,19 +137,21 @@ class March:
         control = self.control
         place = start or Place(0.0, None, control.first)
         for _ in range(control.max_stations):
+            if place.z >= end:
+                return place
             rest = end - place.z
             step = rest if place.next * LAST >= rest else min(place.next, rest / 2)
             self._keep(forget=place.last is None)
             stop = self._accepted(place, min(step, rest), end)
             place = stop.place
             self.observe(stop)
-            if place.z >= end:
-                return place
+        if place.z >= end:
+            return place
         raise SolverError(f"{control.max_stations} stations led to z = {place.z:.4g} m only")
 
     def _accepted(self, place: Place, step: float, end: float) -> Stop:
         """Repeat a step with smaller ones until it succeeds."""
-        control = self.control
+        control, refusals = self.control, 0
         while True:
             try:
                 stop = self._solved(place, step)
@@ -151,9 +159,10 @@ class March:
             except LinearSolveError as error:
                 self._restore()
                 step *= control.cut
-                self.retry(step, str(error))
-                if step < control.smallest:
+                refusals += isinstance(error, _Refused)
+                if step < control.smallest or refusals > control.refusals:
                     raise SolverError(f"marching ends at z = {place.z:.4g} m: {error}") from error
+                self.retry(step, str(error))
         z = end if end - place.z - step <= 1e-12 * end else place.z + step
         return replace(stop, place=Place(z, step, self._next(step, stop)))
 
@@ -166,7 +175,7 @@ class March:
         guess = self._predict(step / place.last if place.last else 0.0)
         iterations, update = self._newton()
         if reason := self.check():
-            raise LinearSolveError(reason)
+            raise _Refused(reason)
         return Stop(place, iterations, update, self._bend(guess))
 
     def _newton(self) -> tuple[int, float]:
@@ -199,7 +208,8 @@ class March:
             factor = min(factor, 0.7)
         elif stop.iterations > control.easy:
             factor = min(factor, 1.0)
-        return min(step * min(max(factor, control.cut), control.growth), control.largest)
+        wanted = step * min(max(factor, control.cut), control.growth)
+        return min(max(wanted, min(step, control.first)), control.largest)
 
     def _keep(self, forget: bool) -> None:
         """The unknowns become those of the last station."""
