@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,16 +14,15 @@ from fem_tfm.case import Case
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import developed
 from fem_tfm.flows.recorder import (
-    Recorder,
     attempt,
     check_resumable,
     prepare,
     with_references,
 )
 from fem_tfm.flows.section import Section, Setup
+from fem_tfm.flows.section_recorder import SectionRecorder
 from fem_tfm.mesh import geometry_of, resolution_of, section
 from fem_tfm.models.two_fluid import ClosureSet, Numerics
-from fem_tfm.output import checkpoint
 from fem_tfm.output.fields import FieldWriter, snapshot
 from fem_tfm.output.files import on_root
 from fem_tfm.output.pictures import SectionView, section_picture, vertical_profile
@@ -143,15 +141,10 @@ def quantities(section: Section, length: float) -> dict[str, float]:
 def estimated(
     solution: developed.Solution, length: float
 ) -> tuple[dict[str, float], dict[str, float | None]]:
-    """Quantities on the finest mesh, and the change of each since the mesh before.
-
-    The change bounds the error: at order 2 and halved cells the error is a third of it. It is None
-    where only one mesh was solved.
-    """
-    found = [quantities(level.section, length) for level in solution.levels[-2:]]
-    if len(found) == 1:
-        return found[0], dict.fromkeys(found[0])
-    return found[1], {name: abs(found[1][name] - found[0][name]) for name in found[1]}
+    """Quantities on the finest mesh, and the change of each since the mesh before."""
+    return developed.with_changes(
+        [quantities(level.section, length) for level in solution.levels[-2:]]
+    )
 
 
 def balances(section: Section) -> dict[str, float]:
@@ -264,85 +257,18 @@ COLUMNS = {
 WARNED = ("update", "pressure_gradient", "max_alpha_s", "max_theta")
 
 
-class DenseRecorder(Recorder, developed.Observer):
-    """What a run tells and keeps while it works: progress, monitor.csv, checkpoint.
+class DenseRecorder(SectionRecorder):
+    """What a run of the dense flow tells and keeps."""
 
-    Parameters
-    ----------
-    case : what is solved
-    out : directory of the results, or None to keep nothing
-    progress : where to tell
-    resume : go on with an older monitor.csv
-    """
+    columns, warned = COLUMNS, WARNED
 
-    def __init__(self, case: Case, out: Path | None, progress: Progress, resume: bool) -> None:
-        super().__init__(case, out, progress, resume, COLUMNS)
-        self.section: Section | None = None
-        self.level = self.steps = 0
-        self._begun: tuple[Section, int, int] | None = None
+    def signs(self, section: Section) -> dict[str, float]:
+        """The early warning: gradient [Pa/m] and extremes of the solids."""
+        return {"pressure_gradient": pressure_gradient(section), **section.extremes()}
 
-    def compiling(self, what: str) -> None:
-        """Tell which form is prepared, on the first mesh: later ones find it in the cache."""
-        if what == "residual":
-            self.lap("setup" if self._begun is None else "solve")
-        if self._begun is None:
-            self.progress.stage(f"forms: {what} (compiled once for each choice of closures)")
-
-    def begin(self, section: Section, level: int, levels: int) -> None:
-        """A mesh is ready."""
-        self.lap("compile")
-        self._begun = section, level, levels
-        cells = section.mesh.num_cells
-        text = f"mesh {level + 1} of {levels}: {cells} cells, {section.dofs} unknowns"
-        self.progress.stage(text)
-        self.log(text)
-
-    def step(self, row: dict[str, float]) -> None:
-        """A row of the monitor and the early-warning line."""
-        # only now does the new mesh hold a state worth keeping
-        self.section, self.level, levels = self._begun
-        self.steps += 1
-        values = {name: row[name] for name in ("dt", "iterations", "update")}
-        values |= {"step": self.steps, "level": self.level + 1}
-        values |= {"pressure_gradient": pressure_gradient(self.section), **self.section.extremes()}
-        if self.monitor is not None:
-            self.monitor.write(values)
-        warning = ", ".join(f"{n} {values[n]:.4g}" for n in WARNED if n in values)
-        self.progress.update(self._fraction(row["dt"], levels), warning)
-        self.log(f"step {self.steps}: dt {row['dt']:.3g} s, {warning}")
-
-    def retry(self, dt: float, reason: str) -> None:
-        """A line of the log for a step taken back."""
-        self.log(f"taken back: {reason}; dt {dt:.3g} s")
-
-    def _fraction(self, dt: float, levels: int) -> float:
-        """Share of the work done, from the decades of dt that are behind on this mesh."""
-        unit = self.case.geometry.hydraulic_diameter / self.case.operation.gas_superficial_velocity
-        first, last = (math.log(c * unit) for c in (developed.FIRST_STEP, developed.LARGEST_STEP))
-        share = min(max((math.log(dt) - first) / (last - first), 0.0), 1.0)
-        return (self.level + 0.9 * share) / levels
-
-    def save(self) -> None:
-        """Keep the last accepted state, also when a step was cut short."""
-        section = self.section
-        if self.out is None or section is None:
-            return
-        section.now.x.array[:] = section.old.x.array
-        self.save_final()
-
-    def save_final(self) -> None:
-        """Keep the present state."""
-        section = self.section
-        if self.out is None:
-            return
-        numbers = {
-            "level": self.level,
-            "steps": self.steps,
-            "drive": float(section.drive.value),
-            "source": float(section.source.value),
-        }
-        fields = {name: section.unknown(name) for name in section.names}
-        checkpoint.save(self.out, self.comm, fields, numbers)
+    def multipliers(self, section: Section) -> dict[str, Any]:
+        """Constants that belong to the state."""
+        return {"drive": section.drive, "source": section.source}
 
 
 def run(
@@ -363,7 +289,7 @@ def run(
     if out is not None:
         on_root(comm, lambda: prepare(case, out, overwrite, FILES))
     recorder = DenseRecorder(case, out, progress, resume)
-    restart = _restart(case, out, recorder) if resume else None
+    restart = recorder.restart() if resume else None
     for sentence in advice(case):
         progress.warn(sentence)
 
@@ -390,21 +316,6 @@ def _keep(case: Case, recorder: DenseRecorder, status: str, reason: str) -> None
         recorder.save()
         _write_fields(case, recorder.section, result, recorder)
     recorder.write(result)
-
-
-def _restart(case: Case, out: Path, recorder: DenseRecorder) -> tuple[int, Any]:
-    """Mesh to go on with and how to put the stored state on it."""
-    numbers = checkpoint.numbers(out)
-    recorder.steps = int(numbers["steps"])
-
-    def restore(section: Section) -> None:
-        fields = {name: section.unknown(name) for name in section.names}
-        checkpoint.load(out, MPI.COMM_WORLD, fields)
-        for name, function in fields.items():
-            section.set_unknown(name, function)
-        section.drive.value, section.source.value = numbers["drive"], numbers["source"]
-
-    return int(numbers["level"]), restore
 
 
 def _finish(case: Case, solution: developed.Solution, recorder: DenseRecorder) -> Result:

@@ -234,13 +234,32 @@ class DuctSection(Discretisation):
     # -- what others read ----------------------------------------------------------------------
 
     @property
+    def area(self) -> float:
+        """Area of the mesh [m2]."""
+        return self.integral("area", self._constant(1.0))
+
+    def flux(self) -> float:
+        """Volume flux of the part solved, the strip at the wall included [m3/s]."""
+        target = float(self.newton.borders[0].target.value)
+        return self.newton.constraint_errors()[0] + target
+
+    def wall_length(self) -> float:
+        """Length of the plane of the wall functions [m]."""
+        return self.integral("wall", self._constant(1.0), self.domain.ds_wall)
+
+    def wall_force(self) -> float:
+        """Axial force of the walls per length over the density [m3/s2]."""
+        traction = self.model.traction(self.state(self.now))[2]
+        return self.integral("wall force", traction, self.domain.ds_wall)
+
+    @property
     def pressure_gradient(self) -> float:
         """G over the density [m/s2]."""
         return float(self.drive.value)
 
     def fields(self) -> dict[str, fem.Function]:
-        """Fields for output at the nodes: u, k, eps, the Reynolds stresses (3 x 3) and p/rho."""
-        fields = {"u": self.unknown("u"), "p": self.unknown("p")}
+        """Output at the nodes: u_g, pressure (p/rho), k, eps and reynolds_stress (3 x 3)."""
+        fields = {"u_g": self.unknown("u"), "pressure": self.unknown("p")}
         now = self.state(self.now)
         scalar = fem.functionspace(self.mesh.mesh, ("Lagrange", 2))
         matrix = fem.functionspace(self.mesh.mesh, ("Lagrange", 2, (3, 3)))

@@ -1,0 +1,506 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Turbulent gas in a straight duct or pipe by Reynolds stresses: from a case to its results."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from fem_tfm.case import Case
+from fem_tfm.correlations import gnielinski, jones_friction, smooth_friction
+from fem_tfm.errors import SolverError
+from fem_tfm.flows import developed, duct_start
+from fem_tfm.flows.duct_section import DuctSection, DuctSetup
+from fem_tfm.flows.recorder import attempt, check_resumable, prepare, with_references
+from fem_tfm.flows.section_recorder import SectionRecorder
+from fem_tfm.interpolation import point_values
+from fem_tfm.mesh import DuctGeometry, geometry_of, resolution_of, section
+from fem_tfm.models.reynolds_stress import GasNumbers
+from fem_tfm.output.duct_pictures import duct_picture, lines_picture
+from fem_tfm.output.fields import FieldWriter, snapshot
+from fem_tfm.output.files import on_root
+from fem_tfm.output.pictures import SectionView
+from fem_tfm.output.profiles import write_profiles
+from fem_tfm.output.result import Reference, Result, versions
+from fem_tfm.solvers.pseudo_time import StepControl
+
+if TYPE_CHECKING:
+    from fem_tfm.progress import Progress
+
+# coarsest mesh of the nested iteration, core cell over the hydraulic diameter
+COARSEST = 0.31
+# the EVSS viscosity, the condition on eps at the plane, and the compressibility times U D
+STABILISATION, WALL_PENALTY, PRESSURE_SHIFT = 0.09, 200.0, 1e-6
+# pseudo-time in units of D/U
+FIRST_STEP, SMALLEST_STEP, LARGEST_STEP, GROWTH = 3.0, 1e-5, 1e7, 3.0
+# a state that misses the flux by more is no answer; momentum, which is not conservative, by more
+FLUX_ERROR, MOMENTUM_ERROR = 1e-6, 0.02
+LINE_POINTS = 61
+
+
+def setup_of(case: Case) -> DuctSetup:
+    """Numbers of the problem that a case describes, with the constants that laws leave open."""
+    speed, width = case.operation.gas_superficial_velocity, case.geometry.hydraulic_diameter
+    law, function = case.closures.reynolds_stress.resolved(), case.walls.function
+    if not function.C_mu:
+        function = replace(function, C_mu=law.log_layer().C_mu)
+    gas = case.gas_material
+    numbers = GasNumbers(
+        viscosity=gas.viscosity / gas.density,
+        stabilisation=STABILISATION,
+        wall_penalty=WALL_PENALTY,
+        pressure_shift=PRESSURE_SHIFT / (speed * width),
+        wall_offset=case.wall_distance,
+    )
+    return DuctSetup(law, function, numbers, speed, case.numerics.quadrature_degree)
+
+
+def step_control(setup: DuctSetup, width: float, tolerance: float, max_steps: int) -> StepControl:
+    """Pseudo-time steps scaled by the residence time D/U."""
+    unit = width / setup.velocity
+    return StepControl(
+        first=FIRST_STEP * unit,
+        smallest=SMALLEST_STEP * unit,
+        largest=LARGEST_STEP * unit,
+        growth=GROWTH,
+        tolerance=tolerance,
+        max_steps=max_steps,
+    )
+
+
+SCHEME = developed.Scheme(DuctSection, duct_start.cold, duct_start.warm, step_control)
+
+
+def mesh_sizes(case: Case) -> list[float]:
+    """Core cell sizes of the nested iteration, coarse to fine, each half the one before [m]."""
+    geometry, given = geometry_of(case), case.numerics
+    size = given.mesh_size or geometry.level_size / 2 ** ((given.level - 1) / 2)
+    sizes = [size]
+    while sizes[0] * 2 <= COARSEST * geometry.hydraulic_diameter:
+        sizes.insert(0, sizes[0] * 2)
+    return sizes
+
+
+def meshes(case: Case, comm: MPI.Comm = MPI.COMM_WORLD) -> list[Any]:
+    """Makers of the meshes of the nested iteration."""
+    given = {key: resolution_of(case)[key] for key in ("wall_ratio", "cells")}
+    make = partial(section, geometry_of(case), comm=comm, **given)
+    return [partial(make, size=size) for size in mesh_sizes(case)]
+
+
+def solve(
+    case: Case, observer: developed.Observer = developed.QUIET, restart: Any = None
+) -> developed.Solution:
+    """Developed section of a case on its meshes, coarse to fine.
+
+    Raises
+    ------
+    SolverError
+        no steady state was reached.
+    """
+    limits = case.numerics.tolerance, case.numerics.max_steps
+    return developed.solve(meshes(case), setup_of(case), *limits, observer, restart, SCHEME)
+
+
+# -- quantities --------------------------------------------------------------------------------
+
+
+def eigenvalues(found: DuctSection) -> NDArray[np.float64]:
+    """Eigenvalues of R over k at the nodes of this rank, ascending, shape (n, 3) [-]."""
+    if not found.setup.law.transported:
+        stress = found.fields()["reynolds_stress"].x.array.reshape(-1, 3, 3)
+    else:
+        r = found.unknown("r").x.array.reshape(-1, 6)
+        rows = ((0, 3, 4), (3, 1, 5), (4, 5, 2))
+        stress = r[:, np.array(rows)]
+    energy = np.trace(stress, axis1=1, axis2=2)[:, None] / 2
+    return np.linalg.eigvalsh(stress) / energy
+
+
+def smallest_stress(found: DuctSection) -> float:
+    """Smallest principal Reynolds stress over k [-]; positive where stresses are realisable.
+
+    Positive principal stresses mean positive normal stresses and Schwarz's inequality for all axes.
+    """
+    values = eigenvalues(found)
+    return found.mesh.mesh.comm.allreduce(float(values.min(initial=math.inf)), MPI.MIN)
+
+
+def check_realisable(found: DuctSection) -> float:
+    """`smallest_stress` of an answer.
+
+    Raises
+    ------
+    SolverError
+        a principal stress is negative, so that the state is no answer.
+    """
+    smallest = smallest_stress(found)
+    if not smallest > 0:
+        raise SolverError(f"a principal Reynolds stress is {smallest:.2g} k, which cannot be")
+    return smallest
+
+
+def secondary(found: DuctSection) -> float:
+    """Largest velocity across the axis over the bulk velocity [-]."""
+    u = found.unknown("u").x.array.reshape(-1, 3)
+    peak = float(np.hypot(u[:, 0], u[:, 1]).max(initial=0.0))
+    return found.mesh.mesh.comm.allreduce(peak, MPI.MAX) / found.setup.velocity
+
+
+def corner(found: DuctSection) -> tuple[float, float]:
+    """Furthest point of the mesh along x and y [m]."""
+    geometry = found.mesh.geometry
+    offset = float(found.setup.numbers.wall_offset)
+    if isinstance(geometry, DuctGeometry):
+        return geometry.width / 2 - offset, geometry.height / 2 - offset
+    return geometry.radius - offset, 0.0
+
+
+def quantities(found: DuctSection, density: float, length: float) -> dict[str, float]:
+    """Numbers of a developed section, in the units of `case.QUANTITIES`; whole section."""
+    setup, geometry = found.setup, found.mesh.geometry
+    width, speed = geometry.hydraulic_diameter, setup.velocity
+    gradient = density * found.pressure_gradient
+    u_tau = math.sqrt(found.pressure_gradient * width / 4)
+    lines = profiles(found)
+    told = {
+        "pressure_gradient": gradient,
+        "pressure_drop": gradient * length,
+        "gas_mass_flow": density * geometry.area_factor * found.flux(),
+        "friction_factor": 2 * found.pressure_gradient * width / speed**2,
+        "secondary_velocity_max": secondary(found),
+        "centre_to_bulk": float(lines["bisector u_z/U"][0]),
+        "axis_energy": float(lines["bisector k/u_tau2"][0]),
+        "smallest_stress": smallest_stress(found),
+        "wall_distance_plus": float(setup.numbers.wall_offset) * u_tau / setup.numbers.viscosity,
+    }
+    if isinstance(geometry, DuctGeometry):
+        outward = lines["diagonal outward/U"]
+        told["secondary_velocity_diagonal"] = float(outward[np.abs(outward).argmax()])
+        told["corner_wall_shear"] = float(lines["wall shear/mean"][-1])
+    return told
+
+
+def profiles(found: DuctSection) -> dict[str, NDArray[np.float64]]:
+    """Columns along the wall bisector, the diagonal and the wall, from the centre outward.
+
+    s is the share of the way from the centre to the wall (bisector, along x), to the corner
+    (diagonal) or from the bisector to the corner (wall, at the top). Velocities over U, stresses
+    over u_tau^2 = G D_h/(4 rho), wall shear over its mean.
+    """
+    setup, geometry = found.setup, found.mesh.geometry
+    u_tau2 = found.pressure_gradient * geometry.hydraulic_diameter / 4
+    s = np.linspace(0.0, 1.0, LINE_POINTS)
+    across, up = corner(found)
+    fields = found.fields()
+    sampled = [fields[name] for name in ("u_g", "k", "reynolds_stress")]
+
+    def at(x: NDArray[np.float64], y: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        # a hair inside, so that round-off loses no point on a boundary
+        inside = np.column_stack([x, y]) * (1 - 1e-9)
+        return point_values(sampled, inside)
+
+    u, k, r = at(s * across, 0 * s)
+    columns = {
+        "s": s,
+        "bisector u_z/U": u[:, 2] / setup.velocity,
+        "bisector outward/U": u[:, 0] / setup.velocity,
+        "bisector k/u_tau2": k / u_tau2,
+        "bisector (R_yy - R_xx)/u_tau2": (r[:, 4] - r[:, 0]) / u_tau2,
+        "bisector -R_xz/u_tau2": np.abs(r[:, 2]) / u_tau2,
+    }
+    if not isinstance(geometry, DuctGeometry):
+        return columns
+    u, k, r = at(s * across, s * up)
+    direction = np.array([across, up]) / math.hypot(across, up)
+    columns |= {
+        "diagonal u_z/U": u[:, 2] / setup.velocity,
+        "diagonal outward/U": u[:, :2] @ direction / setup.velocity,
+        "diagonal k/u_tau2": k / u_tau2,
+        "diagonal (R_yy - R_xx)/u_tau2": (r[:, 4] - r[:, 0]) / u_tau2,
+    }
+    u, k, _ = at(s * across, up + 0 * s)
+    offset, nu = float(setup.numbers.wall_offset), setup.numbers.viscosity
+    shear = setup.function.friction(k, offset, nu) * u[:, 2]
+    mean = found.wall_force() / found.wall_length()
+    return columns | {
+        "wall shear/mean": shear / mean,
+        "wall u_z/U": u[:, 2] / setup.velocity,
+        "wall along/U": u[:, 0] / setup.velocity,
+    }
+
+
+def balances(found: DuctSection) -> dict[str, float]:
+    """Relative errors of the flux imposed and of axial momentum, G A = force of the walls.
+
+    Momentum is not conservative; what it misses is the error of the mesh.
+    """
+    target = float(found.newton.borders[0].target.value)
+    driven, resisted = found.pressure_gradient * found.area, found.wall_force()
+    return {
+        "gas_mass": abs(found.newton.constraint_errors()[0] / target),
+        "axial_momentum": abs(driven - resisted) / abs(driven),
+    }
+
+
+def checked_balances(found: DuctSection) -> dict[str, float]:
+    """The balances of an answer.
+
+    Raises
+    ------
+    SolverError
+        one of them is broken, or a stress is not realisable, so that the state is no answer.
+    """
+    check_realisable(found)
+    kept = balances(found)
+    limits = {"gas_mass": FLUX_ERROR, "axial_momentum": MOMENTUM_ERROR}
+    for name, limit in limits.items():
+        if not kept[name] <= limit:
+            raise SolverError(f"the balance of {name} is broken by {kept[name]:.1e}")
+    return kept
+
+
+def references(case: Case) -> dict[str, list[Reference]]:
+    """Published values that belong to a case's Reynolds number and section."""
+    reynolds, geometry = case.reynolds, geometry_of(case)
+    if isinstance(geometry, DuctGeometry):
+        friction = jones_friction(reynolds, geometry.width, geometry.height)
+        source = "smooth rectangular duct, Jones (1976), J. Fluids Eng. 98"
+    else:
+        friction, source = smooth_friction(reynolds), "smooth pipe, Prandtl and von Karman"
+    known = {"friction_factor": [Reference(friction, source)]}
+    if isinstance(geometry, DuctGeometry) and geometry.width == geometry.height:
+        known["secondary_velocity_max"] = [
+            Reference(0.019, "DNS at Re 4410, Gavrilakis (1992), J. Fluid Mech. 244"),
+            Reference(0.015, "middle of 1 to 2 %, Pirozzoli et al. (2018), J. Fluid Mech. 840"),
+        ]
+    if case.heat is not None:
+        value = gnielinski(reynolds, case.heat.prandtl, friction)
+        source = "Gnielinski (1976), Int. Chem. Eng. 16, with the friction above"
+        known["nusselt"] = [Reference(value, source)]
+    return known
+
+
+def skipped(case: Case) -> list[str]:
+    """What the scene did not need, and why."""
+    geometry, law = geometry_of(case), case.closures.reynolds_stress
+    left_out = ["axial direction: a developed section has d/dz = 0"]
+    if geometry.symmetry != "none":
+        mirrored = {"half": "half", "quarter": "three quarters"}[geometry.symmetry]
+        left_out.append(f"{mirrored} of the section: mirror images of the part solved")
+    left_out.append("history: pseudo-time leads straight to the steady state")
+    left_out.append("weight: the gas has one density")
+    if not law.transported:
+        left_out.append(f"transport of each stress: closures.reynolds_stress = {law.name}")
+    if case.heat is None:
+        left_out.append("temperature and heat fluxes: no table [heat]")
+    return left_out
+
+
+# wall functions need a log layer, and the demo's model was measured up to this aspect ratio
+LOWEST_REYNOLDS, LARGEST_ASPECT, LOG_LAYER = 2e4, 4.0, (30.0, 300.0)
+
+
+def advice(case: Case) -> list[str]:
+    """What a user probably did not mean, one sentence each."""
+    said, (width, height) = [], case.geometry.size
+    if case.reynolds < LOWEST_REYNOLDS:
+        said.append(
+            f"wall functions leave no room at a Reynolds number of {case.reynolds:.3g}; they are"
+            f" meant for more than {LOWEST_REYNOLDS:g}"
+        )
+    if max(width, height) > LARGEST_ASPECT * min(width, height):
+        said.append(f"sections with sides above {LARGEST_ASPECT:g} to 1 have not been tried")
+    diameter, viscosity = case.geometry.hydraulic_diameter, setup_of(case).numbers.viscosity
+    speed = case.operation.gas_superficial_velocity
+    u_tau = speed * math.sqrt(smooth_friction(case.reynolds) / 8)
+    y_plus, (low, high) = case.wall_distance * u_tau / viscosity, LOG_LAYER
+    if not low <= y_plus <= high or case.wall_distance > 0.1 * diameter:
+        said.append(
+            f"walls.distance = {case.wall_distance:.3g} m is y+ = {y_plus:.0f}; wall functions hold"
+            f" from {low:g} to {high:g} and below a tenth of the hydraulic diameter"
+        )
+    return said
+
+
+# -- the run -----------------------------------------------------------------------------------
+
+FILES = (
+    "result.json", "monitor.csv", "run.log", "profiles.csv", "profiles.png", "section.png",
+    "fields.xdmf", "fields.h5",
+)  # fmt: skip
+COLUMNS = {
+    "step": "",
+    "level": "",
+    "dt": "s",
+    "iterations": "",
+    "update": "",
+    "pressure_gradient": "Pa/m",
+    "secondary_velocity_max": "",
+    "smallest_stress": "",
+}
+WARNED = ("update", "pressure_gradient", "secondary_velocity_max", "smallest_stress")
+
+
+class DuctRecorder(SectionRecorder):
+    """What a run of a duct's gas tells and keeps."""
+
+    columns, warned = COLUMNS, WARNED
+
+    def signs(self, section: DuctSection) -> dict[str, float]:
+        """The early warning: gradient [Pa/m], secondary flow and realisability."""
+        return {
+            "pressure_gradient": self.case.gas_material.density * section.pressure_gradient,
+            "secondary_velocity_max": secondary(section),
+            "smallest_stress": smallest_stress(section),
+        }
+
+    def multipliers(self, section: DuctSection) -> dict[str, Any]:
+        """Constants that belong to the state."""
+        return {"drive": section.drive}
+
+
+def run(
+    case: Case, out: Path | None, *, resume: bool, overwrite: bool, progress: Progress
+) -> Result:
+    """Solve the developed section of a case.
+
+    Raises
+    ------
+    InputError
+        `resume` finds no checkpoint, or one of another case.
+    SolverError
+        no steady state was reached; the last good state and the reason are in `out`.
+    """
+    if resume:
+        check_resumable(case, out)
+    if out is not None:
+        on_root(MPI.COMM_WORLD, lambda: prepare(case, out, overwrite, FILES))
+    recorder = DuctRecorder(case, out, progress, resume)
+    restart = recorder.restart() if resume else None
+    for sentence in advice(case):
+        progress.warn(sentence)
+
+    def finished() -> Result:
+        solution = solve(case, recorder, restart)
+        recorder.lap("solve")
+        return _finish(case, solution, recorder)
+
+    return attempt(finished, partial(_keep, case, recorder), recorder)
+
+
+def _keep(case: Case, recorder: DuctRecorder, status: str, reason: str) -> None:
+    """Write what an unfinished run has: its last accepted state and why it stopped."""
+    result = result_of(case, status, recorder, reason)
+    recorder.log(f"{status}: {reason}")
+    if recorder.section is not None:
+        recorder.save()
+        write_section(case, recorder.section, result, recorder.out)
+    recorder.write(result)
+
+
+def told(case: Case, found: DuctSection) -> dict[str, float]:
+    """Quantities of one mesh, with those of the temperature where there is one."""
+    return quantities(found, case.gas_material.density, case.geometry.length)
+
+
+def _finish(case: Case, solution: developed.Solution, recorder: DuctRecorder) -> Result:
+    """Quantities with their errors, balances and files of a converged run."""
+    kept = checked_balances(solution.section)
+    found, errors = developed.with_changes(
+        [told(case, one.section) for one in solution.levels[-2:]]
+    )
+    result = result_of(case, "converged", recorder)
+    result.quantities = with_references(case, found, errors, references(case))
+    result.balances = kept
+    write_section(case, solution.section, result, recorder.out)
+    recorder.save_final()
+    recorder.lap("output")
+    recorder.write(result)
+    recorder.log(f"converged: friction factor {result['friction_factor']:.6g}")
+    return result
+
+
+def result_of(case: Case, status: str, recorder: Any, reason: str = "") -> Result:
+    """A result without numbers yet; `recorder` tells the section and the times."""
+    found, comm = recorder.section, recorder.comm
+    return Result(
+        status=status,
+        flow=case.flow,
+        solution="developing" if case.solution == "developing" else "developed",
+        title=case.title,
+        cells=found.mesh.num_cells if found else 0,
+        dofs=found.dofs if found else 0,
+        ranks=comm.size,
+        seconds=recorder.seconds,
+        skipped=skipped(case),
+        inferred=list(case.inferred),
+        versions=versions(),
+        reason=reason,
+        directory=recorder.out,
+    )
+
+
+def write_section(
+    case: Case,
+    found: DuctSection,
+    result: Result,
+    out: Path | None,
+    more: Mapping[str, Sequence[float]] | None = None,
+) -> None:
+    """XDMF, profiles and pictures of one section."""
+    mesh, fields = found.mesh.mesh, found.fields()
+    moment = snapshot(mesh, fields)
+    result.sections["lines"] = lines = profiles(found) | dict(more or {})
+    if out is not None and case.output.xdmf:
+        with FieldWriter(out / "fields", mesh) as writer:
+            writer.write(0.0, {n: f for n, f in fields.items() if n in case.output.fields})
+
+    def draw() -> None:
+        symmetry = found.mesh.geometry.symmetry
+        view = SectionView.of_cells(moment.points, moment.cells, moment.kind, symmetry)
+        write_profiles(out / "profiles.csv", lines, {"s": "-"})
+        if case.output.pictures:
+            duct_picture(out / "section.png", view, moment.nodal, case.title)
+            lines_picture(out / "profiles.png", lines, case.title)
+
+    if out is not None:
+        on_root(mesh.comm, draw)
+
+
+def describe(case: Case) -> dict[str, Any]:
+    """What would be solved, what is left out, and what it would take."""
+    sizes, transported = mesh_sizes(case), case.closures.reynolds_stress.transported
+    cells = meshes(case)[-1]().num_cells
+    unknowns = round(cells * (UNKNOWNS_PER_CELL if transported else EDDY_UNKNOWNS_PER_CELL))
+    laws = [case.closures.reynolds_stress, case.walls.function]
+    laws += [case.closures.heat_flux, case.walls.heat] if case.heat else []
+    speed = case.operation.gas_superficial_velocity
+    return {
+        "title": case.title or "untitled",
+        "solved": "developed section of a duct's gas by Reynolds stresses: steady, d/dz = 0",
+        "given": f"bulk velocity {speed:g} m/s, Re {case.reynolds:.4g}; found: pressure gradient",
+        "closures": [f"{law.family}: {law.name}" for law in laws],
+        "skipped": skipped(case),
+        "wall_distance": f"{1e3 * case.wall_distance:.3g} mm, where the mesh begins",
+        "meshes": ", ".join(f"{1e3 * size:.3g} mm" for size in sizes) + " core cells in turn",
+        "finest_mesh": f"{cells} cells, about {unknowns} unknowns",
+        "memory": f"about {BASE_MEMORY + MEMORY_PER_UNKNOWN * unknowns:.0f} MB",
+        "time": f"about {TIME_PER_UNKNOWN * unknowns + 1:.0f} s, and {COMPILE_TIME} s more to "
+        "compile the forms if these closures are new on this machine",
+        "inferred": list(case.inferred) or "nothing",
+        "warnings": advice(case) or "none",
+    }
+
+
+# measured on the demo: unknowns of Q2/Q1 quadrilaterals, memory and CPU time of a cold run
+UNKNOWNS_PER_CELL, EDDY_UNKNOWNS_PER_CELL = 60, 22
+BASE_MEMORY, MEMORY_PER_UNKNOWN, TIME_PER_UNKNOWN, COMPILE_TIME = 170, 0.016, 2.0e-4, 25
