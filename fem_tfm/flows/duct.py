@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,6 +18,7 @@ from fem_tfm.case import Case
 from fem_tfm.correlations import gnielinski, jones_friction, smooth_friction
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import developed, duct_start
+from fem_tfm.flows.duct_heat import DuctHeat
 from fem_tfm.flows.duct_section import DuctSection, DuctSetup
 from fem_tfm.flows.recorder import attempt, check_resumable, prepare, with_references
 from fem_tfm.flows.section_recorder import SectionRecorder
@@ -44,6 +45,8 @@ FIRST_STEP, SMALLEST_STEP, LARGEST_STEP, GROWTH = 3.0, 1e-5, 1e7, 3.0
 # a state that misses the flux by more is no answer; momentum, which is not conservative, by more
 FLUX_ERROR, MOMENTUM_ERROR = 1e-6, 0.02
 LINE_POINTS = 61
+# points on a boundary are taken a hair inside, so that round-off loses none
+INSIDE = 1e-9
 
 
 def setup_of(case: Case) -> DuctSetup:
@@ -204,9 +207,7 @@ def profiles(found: DuctSection) -> dict[str, NDArray[np.float64]]:
     sampled = [fields[name] for name in ("u_g", "k", "reynolds_stress")]
 
     def at(x: NDArray[np.float64], y: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        # a hair inside, so that round-off loses no point on a boundary
-        inside = np.column_stack([x, y]) * (1 - 1e-9)
-        return point_values(sampled, inside)
+        return point_values(sampled, np.column_stack([x, y]) * (1 - INSIDE))
 
     u, k, r = at(s * across, 0 * s)
     columns = {
@@ -407,21 +408,53 @@ def _keep(case: Case, recorder: DuctRecorder, status: str, reason: str) -> None:
     recorder.write(result)
 
 
-def told(case: Case, found: DuctSection) -> dict[str, float]:
-    """Quantities of one mesh, with those of the temperature where there is one."""
-    return quantities(found, case.gas_material.density, case.geometry.length)
+def heat_of(case: Case, found: DuctSection) -> DuctHeat:
+    """Temperature with the laws of a case on a section that is solved, not solved itself yet."""
+    given = case.heat
+    return DuctHeat(found, case.closures.heat_flux, case.walls.heat, given.prandtl)
+
+
+def developed_heat(case: Case, found: DuctSection) -> tuple[DuctHeat | None, dict[str, float]]:
+    """Developed temperature of a section and its quantities; None where no heat is asked for."""
+    if case.heat is None:
+        return None, {}
+    heat = heat_of(case, found)
+    if case.heat.wall == "flux":
+        heat.constant_flux()
+        rise = -1.0
+    else:
+        rise = -heat.constant_temperature()
+    told = {"nusselt": heat.nusselt(rise)}
+    if (prandtl := heat.profiles(points(found)).get("bisector Pr_t")) is not None:
+        told |= {"turbulent_prandtl_axis": float(prandtl[1])}
+        told |= {"turbulent_prandtl_wall": float(prandtl[-1])}
+    return heat, told
+
+
+def points(found: DuctSection) -> dict[str, NDArray[np.float64]]:
+    """Points along the bisector and the diagonal, from the centre outward, shape (n, 2) [m]."""
+    s = np.linspace(0.0, 1.0, LINE_POINTS) * (1 - INSIDE)
+    across, up = corner(found)
+    lines = {"bisector": np.column_stack([s * across, 0 * s])}
+    if isinstance(found.mesh.geometry, DuctGeometry):
+        lines["diagonal"] = np.column_stack([s * across, s * up])
+    return lines
 
 
 def _finish(case: Case, solution: developed.Solution, recorder: DuctRecorder) -> Result:
     """Quantities with their errors, balances and files of a converged run."""
-    kept = checked_balances(solution.section)
-    found, errors = developed.with_changes(
-        [told(case, one.section) for one in solution.levels[-2:]]
-    )
+    kept, found = checked_balances(solution.section), []
+    for level in solution.levels[-2:]:
+        heat, more = developed_heat(case, level.section)
+        found.append(quantities(level.section, case.gas_material.density, case.geometry.length))
+        found[-1] |= more
+    if heat is not None:
+        kept["heat"] = heat.balance()
+    values, errors = developed.with_changes(found)
     result = result_of(case, "converged", recorder)
-    result.quantities = with_references(case, found, errors, references(case))
+    result.quantities = with_references(case, values, errors, references(case))
     result.balances = kept
-    write_section(case, solution.section, result, recorder.out)
+    write_section(case, solution.section, result, recorder.out, heat)
     recorder.save_final()
     recorder.lap("output")
     recorder.write(result)
@@ -454,15 +487,18 @@ def write_section(
     found: DuctSection,
     result: Result,
     out: Path | None,
-    more: Mapping[str, Sequence[float]] | None = None,
+    heat: DuctHeat | None = None,
 ) -> None:
     """XDMF, profiles and pictures of one section."""
-    mesh, fields = found.mesh.mesh, found.fields()
+    mesh, fields, lines = found.mesh.mesh, found.fields(), profiles(found)
+    if heat is not None:
+        fields |= heat.fields()
+        lines |= heat.profiles(points(found))
     moment = snapshot(mesh, fields)
-    result.sections["lines"] = lines = profiles(found) | dict(more or {})
-    if out is not None and case.output.xdmf:
+    result.sections["lines"] = lines
+    if out is not None and case.output.xdmf and case.solution != "developing":
         with FieldWriter(out / "fields", mesh) as writer:
-            writer.write(0.0, {n: f for n, f in fields.items() if n in case.output.fields})
+            writer.write(0.0, chosen_fields(case, fields))
 
     def draw() -> None:
         symmetry = found.mesh.geometry.symmetry
@@ -474,6 +510,11 @@ def write_section(
 
     if out is not None:
         on_root(mesh.comm, draw)
+
+
+def chosen_fields(case: Case, fields: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields that a case wants in fields.xdmf."""
+    return {n: f for n, f in fields.items() if n in case.output.fields}
 
 
 def describe(case: Case) -> dict[str, Any]:

@@ -1,0 +1,139 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Weak forms of the temperature and the turbulent heat fluxes of a given turbulent flow.
+
+    u.grad T = div(a grad T - q)
+    u.grad q_i = d_k (C_T k/eps R_kj d_j q_i) + P_i + Phi_i,   q_i = <theta u_i>
+
+The equations are linear in T and q. T is relative to the wall. As with the velocity, the conduction
+that q hides is put in and taken out again with the projected gradient m of T (EVSS)::
+
+    + a_s (grad T - m).grad w,   a_s = C k^2/eps
+
+d/dz of T and q is c_0 times themselves plus a given field, which serves a constant wall flux
+(dT/dz a constant), a decaying temperature (proportional to the field before) and a march.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import ufl
+from ufl.core.expr import Expr
+
+from fem_tfm.closures.heat_flux import HeatFlux
+from fem_tfm.closures.wall_functions import ThermalWall
+from fem_tfm.models.reynolds_stress import GasState, ReynoldsStressModel
+
+
+@dataclass(frozen=True)
+class HeatState:
+    """T above the wall [K], its fluxes q [K m/s] and projected gradient m [K/m] as UFL expressions.
+
+    q and m are None where the fluxes follow the gradient.
+    """
+
+    t: Expr
+    q: Expr | None = None
+    m: Expr | None = None
+
+
+class HeatModel:
+    """Heat in a given flow.
+
+    Parameters
+    ----------
+    law : turbulent heat fluxes
+    wall : wall function of the temperature
+    prandtl : of the gas [-]
+    gas : model of the flow
+    flow : its state
+    across : velocity in the section that carries heat, free of divergence, shape (2,) [m/s]
+    """
+
+    def __init__(
+        self,
+        law: HeatFlux,
+        wall: ThermalWall,
+        prandtl: Any,
+        gas: ReynoldsStressModel,
+        flow: GasState,
+        across: Expr,
+    ) -> None:
+        self.law = law
+        self.wall = wall
+        self.prandtl = prandtl
+        self.gas = gas
+        self.flow = flow
+        self.across = across
+
+    @property
+    def diffusivity(self) -> Expr:
+        """a = nu/Pr [m2/s]."""
+        return self.gas.numbers.viscosity / self.prandtl
+
+    def _wall(self, quantity: Any) -> Expr:
+        numbers, k = self.gas.numbers, self.gas.energy(self.flow)
+        place = numbers.wall_offset, numbers.viscosity
+        return quantity(self.gas.function, k, *place, self.prandtl)
+
+    def loss(self, state: HeatState) -> Expr:
+        """Flux into the wall over rho c_p [K m/s]."""
+        return self._wall(self.wall.conductance) * state.t
+
+    def strip_heat(self, state: HeatState) -> Expr:
+        """Heat flow of the strip at the wall per width over rho c_p [K m2/s]."""
+        return self._wall(self.wall.strip) * self.flow.u[2] * state.t
+
+    def residual(self, now: HeatState, test: HeatState, rate: Any, given: HeatState) -> ufl.Form:
+        """All balances; d/dz is `rate` times `now` plus `given`."""
+        u, domain = self.flow.u, self.gas.domain
+        along = rate * now.t + given.t
+        gradient = ufl.grad(now.t)
+        change = ufl.dot(self.across, gradient) + u[2] * along
+        flux = self.diffusivity * gradient - self._turbulent(now)
+        form = (change * test.t + ufl.dot(flux, ufl.grad(test.t))) * domain.dx
+        form += self.loss(now) * test.t * domain.ds_wall
+        return form if now.q is None else form + self._fluxes(now, test, rate, given, along)
+
+    def _turbulent(self, now: HeatState) -> Expr:
+        """The turbulent flux in the section [K m/s]."""
+        if now.q is not None:
+            return ufl.as_vector((now.q[0], now.q[1]))
+        return -self.law.diffusivity(self._eddy_viscosity()) * ufl.grad(now.t)
+
+    def _eddy_viscosity(self) -> Expr:
+        """nu_t [m2/s] of the flow, by its law's or by the stabilisation's constant."""
+        k, eps = self.gas.energy(self.flow), self.gas.eps(self.flow)
+        if self.flow.r is None:
+            return self.gas.law.eddy_viscosity(k, eps)
+        return self.gas.numbers.stabilisation * k**2 / eps
+
+    def _fluxes(
+        self, now: HeatState, test: HeatState, rate: Any, given: HeatState, along: Expr
+    ) -> ufl.Form:
+        """Transport of q, and the conduction that is put in and taken out again."""
+        gas, flow, law = self.gas, self.flow, self.law
+        k, eps, stress = gas.energy(flow), gas.eps(flow), gas.stress(flow)
+        rates, gradient = gas.velocity_gradient(flow), ufl.grad(now.t)
+        full = ufl.as_vector((gradient[0], gradient[1], along))
+        source = law.production(now.q, stress, rates, full)
+        source += law.redistribution(now.q, rates, k, eps, gas.reflections(flow))
+        change = ufl.dot(ufl.grad(now.q), self.across)
+        change += flow.u[2] * (rate * now.q + given.q) - source
+        spread = law.diffusivity(stress, k, eps)
+        spread = ufl.as_matrix([[spread[i, j] for j in (0, 1)] for i in (0, 1)])
+        diffusion = ufl.inner(ufl.dot(ufl.grad(now.q), spread), ufl.grad(test.q))
+        hidden = self._eddy_viscosity() * ufl.dot(gradient - now.m, ufl.grad(test.t))
+        projection = ufl.dot(now.m - gradient, test.m)
+        return (ufl.dot(change, test.q) + diffusion + hidden + projection) * gas.domain.dx
+
+    def carried(self, state: HeatState) -> Any:
+        """Form of the heat flow of the part solved over rho c_p, with the strip [K m3/s]."""
+        domain = self.gas.domain
+        inside = self.flow.u[2] * state.t * domain.dx
+        return inside + self.strip_heat(state) * domain.ds_wall
+
+    def lost(self, state: HeatState) -> Any:
+        """Form of the heat into the wall per length over rho c_p [K m2/s]."""
+        return self.loss(state) * self.gas.domain.ds_wall
