@@ -43,10 +43,16 @@ if TYPE_CHECKING:
 FLOWS = {"dense": "fem_tfm.flows.dense", "duct": "fem_tfm.flows.duct"}
 # defaults of keys that depend on the kind of flow
 FLOW_DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
-    "duct": {"numerics": {"cells": "quadrilateral", "wall_grading": 0.0625}},
+    "duct": {
+        "numerics": {"cells": "quadrilateral", "wall_grading": 0.0625},
+        "inlet": {"profile": "uniform"},
+    },
 }
 # flows whose development along the axis has a module of its own
-DEVELOPING = {"dense": "fem_tfm.flows.developing"}
+DEVELOPING = {
+    "dense": "fem_tfm.flows.developing",
+    "duct": "fem_tfm.flows.duct_developing",
+}
 
 QUANTITIES = {
     "pressure_gradient": "Pa/m",
@@ -254,6 +260,10 @@ class Inlet(Table):
     solids_intensity: float = _key(
         0.05, "", "agitation of the solids over their mean velocity", gt=0, le=1
     )
+    gas_intensity: float = _key(
+        0.05, "", "turbulence of a duct's gas over its mean velocity", gt=0, le=1
+    )
+    gas_length: float = _key(0.07, "", "its length scale over the hydraulic diameter", gt=0, le=1)
 
 
 KINDS = {

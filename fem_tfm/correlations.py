@@ -38,15 +38,16 @@ def jones_friction(reynolds: float, width: float, height: float) -> float:
     return smooth_friction(reynolds * laminar_equivalent(width, height))
 
 
-def gnielinski(reynolds: float, prandtl: float, friction: float) -> float:
-    """Nusselt number of developed turbulent flow at a Darcy friction factor [-].
+def gnielinski(reynolds: float, prandtl: float) -> float:
+    """Nusselt number of developed turbulent flow in smooth pipes and ducts [-].
 
-        Nu = (f/8) (Re - 1000) Pr/(1 + 12.7 sqrt(f/8) (Pr^(2/3) - 1))
+        Nu = (f/8) (Re - 1000) Pr/(1 + 12.7 sqrt(f/8) (Pr^(2/3) - 1)),
+        f = (1.82 log10 Re - 1.64)^-2
 
-    Valid for 3e3 < Re < 5e6, 0.5 < Pr < 2000, within 10 %.
+    Re with the hydraulic diameter. Valid for 3e3 < Re < 5e6, 0.5 < Pr < 2000, within 10 %.
     Source: Gnielinski (1976), Int. Chem. Eng. 16, 359-368.
     """
-    share = friction / 8
+    share = (1.82 * math.log10(reynolds) - 1.64) ** -2 / 8
     spread = 1 + 12.7 * math.sqrt(share) * (prandtl ** (2 / 3) - 1)
     return share * (reynolds - 1000) * prandtl / spread
 

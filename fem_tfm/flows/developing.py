@@ -13,7 +13,7 @@ import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from dolfinx import fem
@@ -69,8 +69,6 @@ AT_OUTLET = (
     "pressure_gradient", "solids_mass_flow", "gas_mass_flow", "holdup", "max_solids_fraction",
     "bed_fraction", "bed_height", "slip_velocity",
 )  # fmt: skip
-# what shows whether the flow still changes
-WATCHED = ("pressure_gradient", "holdup", "max_gas_velocity")
 
 
 class Sums:
@@ -103,12 +101,20 @@ class Line:
     progress : called with a word before each form is compiled
     """
 
+    # what shows whether the flow still changes
+    watched: ClassVar[Sequence[str]] = ("pressure_gradient", "holdup", "max_gas_velocity")
+
     def __init__(self, case: Case, mesh: Any, progress: Any = lambda text: None) -> None:
+        station = Station(mesh, dense.setup_of(case), progress)
+        self._prepare(case, station, ("head", "driven", "resisted"))
+
+    def _prepare(self, case: Case, station: Any, summed: Sequence[str]) -> None:
+        """Tables, and what a checkpoint needs; `summed` names integrals along the axis."""
         self.case = case
-        self.station = Station(mesh, dense.setup_of(case), progress)
+        self.station = station
         self.length = case.geometry.length
         self.rows: list[dict[str, float]] = []
-        self.sums = Sums(("head", "driven", "resisted"))
+        self.sums = Sums(summed)
         self.place: Place | None = None
         spaces = {
             name: self.station.space.sub(i).collapse() for i, name in enumerate(self.station.names)
@@ -341,7 +347,7 @@ class Line:
         It is the length of the line where the flow has not developed at its end.
         """
         last = self.rows[-1]
-        names = [name for name in WATCHED if name in last]
+        names = [name for name in self.watched if name in last]
         changing = [
             row["z"]
             for row in self.rows
@@ -403,8 +409,11 @@ class LineRecorder(Recorder, Observer):
     case, out, progress, resume : as for `Recorder`
     """
 
+    columns: ClassVar[Mapping[str, str]] = MONITOR
+    warned: ClassVar[Sequence[str]] = WARNED
+
     def __init__(self, case: Case, out: Path | None, progress: Progress, resume: bool) -> None:
-        super().__init__(case, out, progress, resume, MONITOR)
+        super().__init__(case, out, progress, resume, self.columns)
         self.line: Line | None = None
         self._resume = resume
         self._writer: FieldWriter | None = None
@@ -436,12 +445,12 @@ class LineRecorder(Recorder, Observer):
     def station(self, line: Line, stop: Stop) -> None:
         """A row of the monitor, the early-warning line and a checkpoint."""
         row, place = line.rows[-1], stop.place
-        values = {name: row[name] for name in MONITOR if name in row}
+        values = {name: row[name] for name in self.columns if name in row}
         values |= {"station": len(line.rows) - 1, "step": place.last}
         values |= {name: getattr(stop, name) for name in ("iterations", "update", "bend")}
         if self.monitor is not None:
             self.monitor.write(values)
-        told = ", ".join(f"{name} {row[name]:.4g}" for name in WARNED if name in row)
+        told = ", ".join(f"{name} {row[name]:.4g}" for name in self.warned if name in row)
         message = f"z {place.z:.4g} of {line.length:.4g} m, {told}"
         self.progress.update(self._fraction(place.z), message)
         self.log(f"station {len(line.rows) - 1}: step {place.last:.3g} m, {message}")
@@ -462,8 +471,12 @@ class LineRecorder(Recorder, Observer):
             line.save(self.out)
         z = line.place.z
         if self._writer is not None and (z >= self._due or z >= line.length):
-            self._writer.write(z, dense.chosen_fields(self.case, line.station))
+            self._writer.write(z, self._fields(line))
             self._due = self._next_due(z)
+
+    def _fields(self, line: Line) -> dict[str, Any]:
+        """What goes to fields.xdmf."""
+        return dense.chosen_fields(self.case, line.station)
 
     def _next_due(self, z: float) -> float:
         """The next of the evenly spaced places at which a section goes to fields.xdmf [m]."""
@@ -479,7 +492,11 @@ def solve(case: Case, observer: Observer = QUIET, resume: Path | None = None) ->
     SolverError
         the flow turns back somewhere, no step is small enough, or a balance is broken.
     """
-    line = Line(case, dense.meshes(case)[-1](), observer.compiling)
+    return travel(Line(case, dense.meshes(case)[-1](), observer.compiling), observer, resume)
+
+
+def travel(line: Line, observer: Observer, resume: Path | None = None) -> Line:
+    """Take a line to its outlet, as `solve` does."""
     if resume is None:
         line.begin()
     else:

@@ -284,9 +284,8 @@ def references(case: Case) -> dict[str, list[Reference]]:
             Reference(0.015, "middle of 1 to 2 %, Pirozzoli et al. (2018), J. Fluid Mech. 840"),
         ]
     if case.heat is not None:
-        value = gnielinski(reynolds, case.heat.prandtl, friction)
-        source = "Gnielinski (1976), Int. Chem. Eng. 16, with the friction above"
-        known["nusselt"] = [Reference(value, source)]
+        value = gnielinski(reynolds, case.heat.prandtl)
+        known["nusselt"] = [Reference(value, "Gnielinski (1976), Int. Chem. Eng. 16")]
     return known
 
 
@@ -418,13 +417,16 @@ def developed_heat(case: Case, found: DuctSection) -> tuple[DuctHeat | None, dic
     """Developed temperature of a section and its quantities; None where no heat is asked for."""
     if case.heat is None:
         return None, {}
-    heat = heat_of(case, found)
-    if case.heat.wall == "flux":
+    heat, given = heat_of(case, found), case.heat
+    if given.wall == "flux":
         heat.constant_flux()
-        rise = -1.0
+        # the solution cools by 1 K/m
+        capacity = case.gas_material.density * given.heat_capacity
+        heat.scale = given.wall_flux / (capacity * heat.flux())
     else:
-        rise = -heat.constant_temperature()
-    told = {"nusselt": heat.nusselt(rise)}
+        heat.constant_temperature()
+        heat.scale = 1 / heat.bulk()
+    told = {"nusselt": heat.nusselt()}
     if (prandtl := heat.profiles(points(found)).get("bisector Pr_t")) is not None:
         told |= {"turbulent_prandtl_axis": float(prandtl[1])}
         told |= {"turbulent_prandtl_wall": float(prandtl[-1])}

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Temperature of a duct's gas, one-way on a flow that is solved: one factorisation.
 
-The flow carries heat with the divergence-free velocity nearest to its own, so that what walls give
-is what the gas takes, to round-off.
+The section carries heat with a velocity near its own whose divergence is exactly that of the axial
+flow, so that what walls give is what the gas takes, to round-off.
 """
 
 from __future__ import annotations
@@ -26,50 +26,73 @@ from fem_tfm.errors import SolverError
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.duct_section import DuctSection
 from fem_tfm.interpolation import point_values
-from fem_tfm.models.heat import HeatModel, HeatState
+from fem_tfm.models.axis import DevelopingAxis
+from fem_tfm.models.heat import HeatModel, HeatState, Proportional
 from fem_tfm.solvers.newton import DirectSolver
 
+# the operator of phi gets this share of 1/D^2 as a reaction, for phi has no level of its own
+PIN = 1e-9
 # relative change of the decay rate at which its iteration ends
 DECAY_TOLERANCE, MOST_ITERATIONS = 1e-11, 200
 
 
-class Streamfunction:
-    """Projection of a velocity in the section on those without divergence and through-flow."""
+class Carrier:
+    """Velocity in the section whose divergence is exactly the change of the axial flow.
+
+        (psi_y, -psi_x) + grad phi
+
+    psi takes the curl of the flow's velocity, phi the divergence that continuity asks for where the
+    flow develops; both are of degree 2, as the temperature that they carry.
+    """
 
     def __init__(self, section: DuctSection) -> None:
-        mesh = section.mesh.mesh
+        mesh, flow = section.mesh.mesh, section.state(section.now)
         space = fem.functionspace(mesh, ("Lagrange", 2))
-        self.psi = fem.Function(space)
-        u = section.state(section.now).u
         trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
+        stiffness = ufl.inner(ufl.grad(trial), ufl.grad(test)) * section.dx
         mesh.topology.create_connectivity(1, 2)
         edge = exterior_facet_indices(mesh.topology)
         zero = fem.Constant(mesh, PETSc.ScalarType(0))
         bcs = [fem.dirichletbc(zero, fem.locate_dofs_topological(space, 1, edge), space)]
-        self._system = _Linear(
-            ufl.inner(ufl.grad(trial), ufl.grad(test)) * section.dx,
-            (u[0] * test.dx(1) - u[1] * test.dx(0)) * section.dx,
-            self.psi,
-            bcs,
-        )
-
-    @property
-    def velocity(self) -> Any:
-        """(psi_y, -psi_x), a UFL expression."""
-        return ufl.as_vector((self.psi.dx(1), -self.psi.dx(0)))
+        psi, phi = fem.Function(space), fem.Function(space)
+        turning = (flow.u[0] * test.dx(1) - flow.u[1] * test.dx(0)) * section.dx
+        self._systems = [_Linear(stiffness, turning, psi, bcs)]
+        self.velocity = ufl.as_vector((psi.dx(1), -psi.dx(0)))
+        if section.develops:
+            model, width = section.model, section.mesh.geometry.hydraulic_diameter
+            # phi is determined but for a constant
+            pinned = section._constant(PIN / width**2) * trial * test * section.dx
+            swelling = model.axis.change(lambda s: s.u[2], flow) * test * section.dx
+            swelling += model.axis.change(model.strip_flux, flow) * test * section.domain.ds_wall
+            self._systems.append(_Linear(stiffness + pinned, swelling, phi, []))
+            self.velocity += ufl.grad(phi)
+        for system in self._systems:
+            system.factor()
 
     def update(self) -> None:
         """Take over the velocity at hand."""
-        self._system.factor()
-        self._system.solve()
+        for system in self._systems:
+            system.solve()
 
 
 class _Linear:
-    """A linear system with its factors."""
+    """A linear system with its factors.
 
-    def __init__(self, left: Any, right: Any, solution: fem.Function, bcs: list[Any]) -> None:
+    left, right : its two sides; with `corrects` the right one is what the solution misses, and the
+        answer is added to it
+    bcs : conditions that vanish
+    """
+
+    def __init__(
+        self,
+        left: Any,
+        right: Any,
+        solution: fem.Function,
+        bcs: list[Any],
+        corrects: bool = False,
+    ) -> None:
         self.left, self.right = compile_form(left), compile_form(right)
-        self.solution, self.bcs = solution, bcs
+        self.solution, self.bcs, self.corrects = solution, bcs, corrects
         self.matrix = fem_petsc.create_matrix(self.left)
         self.rhs = fem_petsc.create_vector(solution.function_space)
         self.answer = self.rhs.duplicate()
@@ -92,7 +115,8 @@ class _Linear:
             bc.set(self.rhs.array_w)
         self.solver.solve(self.rhs, self.answer)
         x = self.solution.x
-        x.array[: self.answer.local_size] = self.answer.array_r
+        before = x.array[: self.answer.local_size] if self.corrects else 0.0
+        x.array[: self.answer.local_size] = before + self.answer.array_r
         x.scatter_forward()
 
     def destroy(self) -> None:
@@ -117,28 +141,42 @@ class DuctHeat:
         self, section: DuctSection, law: HeatFlux, wall: ThermalWall, prandtl: float
     ) -> None:
         self.section, self.law, self.prandtl = section, law, prandtl
-        self.stream = Streamfunction(section)
+        self.carrier = Carrier(section)
         self.space = fem.functionspace(section.mesh.mesh, self._element())
-        self.now, self.given = fem.Function(self.space), fem.Function(self.space)
-        self.rate = section._constant(0.0)
+        self.now, self.old, self.older = (fem.Function(self.space) for _ in range(3))
+        self.wall_temperature = section._constant(0.0)
+        # of the fields that are told over those that are solved
+        self.scale = 1.0
         self.model = HeatModel(
             law.bound(section._constant),
             wall.bound(section._constant),
             section._constant(prandtl),
             section.model,
             section.state(section.now),
-            self.stream.velocity,
+            self.carrier.velocity,
+            self._axis(),
+            self.wall_temperature,
         )
-        trial = HeatState(*ufl.TrialFunctions(self.space))
-        test = HeatState(*ufl.TestFunctions(self.space))
-        form = self.model.residual(trial, test, self.rate, self._split(self.given))
-        self.system = _Linear(ufl.lhs(form), ufl.rhs(form), self.now, self._conditions())
+        form = self.model.residual(self._split(self.now), HeatState(*ufl.TestFunctions(self.space)))
+        left = ufl.derivative(form, self.now, ufl.TrialFunction(self.space))
+        self.system = _Linear(left, -form, self.now, self._conditions(), corrects=True)
         state = self._split(self.now)
-        along = self.rate * state.t + self._split(self.given).t
-        taken = section.state(section.now).u[2] * along * section.dx
-        self._taken = compile_form(taken)
+        flow, domain = section.state(section.now), section.domain
+        change = self.model.axis.change
+        inside = change(lambda s: s[0].u[2] * s[1].t, (flow, state)) * section.dx
+        strip = change(self.model.strip_heat, (flow, state)) * domain.ds_wall
+        self._taken = compile_form(inside + strip)
         self._carried = compile_form(self.model.carried(state))
         self._lost = compile_form(self.model.lost(state))
+
+    def _axis(self) -> Any:
+        """d/dz: of a march with its flow, or as the field `old` gives it."""
+        section = self.section
+        if not section.develops:
+            return Proportional(self._split(self.old))
+        flows = (section.state(f) for f in (section.old, section.older))
+        heats = (self._split(f) for f in (self.old, self.older))
+        return DevelopingAxis(section.weights, list(zip(flows, heats, strict=True)))
 
     def _element(self) -> Any:
         p2 = basix.ufl.element("Lagrange", self.section.mesh.mesh.basix_cell(), 2)
@@ -168,16 +206,15 @@ class DuctHeat:
     # -- solving -------------------------------------------------------------------------------
 
     def constant_flux(self) -> None:
-        """T for dT/dz = -1 K/m everywhere and a wall of one temperature around the section."""
-        self.stream.update()
-        self.rate.value = 0.0
-        self.given.x.array[:] = 0.0
-        self._set_temperature(self.given, -1.0)
+        """Developed T above the wall for dT/dz = -1 K/m and one temperature around the section."""
+        self.carrier.update()
+        self.old.x.array[:] = 0.0
+        self._set_temperature(self.old, -1.0)
         self.system.factor()
         self.system.solve()
 
     def constant_temperature(self) -> float:
-        """T that keeps its shape as it decays, with mean one; returns its rate [1/m].
+        """Developed T that keeps its shape as it decays, above the wall; returns its rate [1/m].
 
         Power iteration on the inverse of the section's operator.
 
@@ -189,23 +226,44 @@ class DuctHeat:
         self.constant_flux()
         decay = math.nan
         for _ in range(MOST_ITERATIONS):
-            before, bulk = decay, self.bulk()
-            self.given.x.array[:] = -self.now.x.array / bulk
+            before = decay
+            self.old.x.array[:] = -self.now.x.array / self.bulk()
             self.system.solve()
             decay = 1 / self.bulk()
             if abs(decay - before) <= DECAY_TOLERANCE * decay:
-                # what the equations hold is d/dz = -decay T
-                self.given.x.array[:] *= decay
-                self.now.x.array[:] *= decay
+                # the equations hold d/dz = -decay T
                 return decay
         raise SolverError("the decay of the temperature along the duct does not settle")
 
-    def step(self, rate: float, given: np.ndarray) -> None:
-        """T where d/dz is `rate` [1/m] times it plus `given`."""
-        self.stream.update()
-        self.rate.value = rate
-        self.given.x.array[:] = given
+    def enter(self, temperature: float, wall: float) -> None:
+        """Uniform temperature at the inlet of a march, and that of the wall, above a reference."""
+        self.now.x.array[:] = 0.0
+        self._set_temperature(self.now, temperature)
+        self.wall_temperature.value = wall
+
+    def keep(self) -> None:
+        """The temperature at hand becomes that of the station before."""
+        self.older.x.array[:] = self.old.x.array
+        self.old.x.array[:] = self.now.x.array
+
+    def step(self, flux: float | None = None) -> None:
+        """Temperature of a station of a march whose flow is solved.
+
+        flux : into the gas over rho c_p [K m/s]; it decides on the temperature of the wall, the
+            same around the section. None keeps that temperature.
+        """
+        self.carrier.update()
         self.system.factor()
+        self.system.solve()
+        if flux is None:
+            return
+        # both are linear in the temperature of the wall
+        wanted = -flux * self._perimeter
+        first, lost = float(self.wall_temperature.value), self.lost()
+        self.wall_temperature.value = first + 1.0
+        self.system.solve()
+        slope = self.lost() - lost
+        self.wall_temperature.value = first + (wanted - lost) / slope
         self.system.solve()
 
     # -- what others read ----------------------------------------------------------------------
@@ -214,19 +272,29 @@ class DuctHeat:
         return self.section.mesh.mesh.comm.allreduce(fem.assemble_scalar(form), MPI.SUM)
 
     def bulk(self) -> float:
-        """Mean temperature of what flows, above the wall's [K]."""
+        """Mean temperature of what flows, above the reference [K]."""
         return self._sum(self._carried) / self.section.flux()
 
     def lost(self) -> float:
         """Heat into the wall per length of the part solved, over rho c_p [K m2/s]."""
         return self._sum(self._lost)
 
-    def nusselt(self, rise: float) -> float:
-        """Nu of a bulk temperature that changes by `rise` along the axis [K/m]."""
+    @property
+    def _perimeter(self) -> float:
+        """Wetted perimeter of the part solved [m]."""
         geometry = self.section.mesh.geometry
-        flux = -rise * self.section.setup.velocity * geometry.hydraulic_diameter / 4
+        return geometry.perimeter / geometry.area_factor
+
+    def flux(self) -> float:
+        """Mean heat flux from the wall into the gas over rho c_p [K m/s]."""
+        return -self.lost() / self._perimeter
+
+    def nusselt(self) -> float:
+        """Nu of the wall flux at the hydraulic diameter; nan where gas and wall are alike [-]."""
+        excess = float(self.wall_temperature.value) - self.bulk()
         diffusivity = self.section.setup.numbers.viscosity / self.prandtl
-        return flux * geometry.hydraulic_diameter / (diffusivity * self.bulk())
+        width = self.section.mesh.geometry.hydraulic_diameter
+        return self.flux() * width / (diffusivity * excess) if excess else math.nan
 
     def balance(self) -> float:
         """Relative difference between the heat that the section gives and that of the wall [-]."""
@@ -234,10 +302,11 @@ class DuctHeat:
         return abs(taken + self.lost()) / abs(taken)
 
     def fields(self) -> dict[str, fem.Function]:
-        """temperature above the wall [K], and heat_flux q [K m/s] where it is transported."""
+        """temperature above the reference [K], heat_flux q [K m/s] where it is transported."""
         names = ("temperature", "heat_flux") if self.law.transported else ("temperature",)
         fields = {name: self.now.sub(i).collapse() for i, name in enumerate(names)}
         for name, function in fields.items():
+            function.x.array[:] *= self.scale
             function.name = name
         return fields
 
@@ -251,11 +320,14 @@ class DuctHeat:
         fields, columns = self.fields(), {}
         for line, points in at.items():
             values = point_values(fields["temperature"], points)
-            columns[f"{line} (T - T_w)/(T_b - T_w)"] = values / self.bulk()
+            wall = float(self.wall_temperature.value)
+            excess = values / self.scale - wall
+            columns[f"{line} (T - T_w)/(T_b - T_w)"] = excess / (self.bulk() - wall)
         if self.law.transported and self.section.setup.law.transported and "bisector" in at:
             sampled = [self.section.unknown("r"), self.section.unknown("d")]
             sampled += [fields["heat_flux"], self.now.sub(2).collapse()]
             r, d, q, m = point_values(sampled, at["bisector"])
+            q = q / self.scale
             with np.errstate(invalid="ignore", divide="ignore"):
                 columns["bisector Pr_t"] = r[:, 4] / q[:, 0] * m[:, 0] / d[:, 0]
             # on the axis all four vanish

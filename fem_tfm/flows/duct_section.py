@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, ClassVar
 
 import basix.ufl
 import numpy as np
@@ -23,7 +23,7 @@ from fem_tfm.closures.wall_functions import WallFunction
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.discretisation import Discretisation
 from fem_tfm.mesh import DuctGeometry, Mesh
-from fem_tfm.models.axis import Axis, DevelopedAxis
+from fem_tfm.models.axis import Axis, DevelopedAxis, DevelopingAxis
 from fem_tfm.models.reynolds_stress import (
     GasDomain,
     GasNumbers,
@@ -82,12 +82,16 @@ def _element(mesh: Any, transported: bool) -> Any:
 class DuctSection(Discretisation):
     """A developed problem on one mesh, ready for Newton.
 
+    `develops` tells a station of a march, which has `weights` and the state `older` too.
+
     Parameters
     ----------
     mesh : the section; it begins `numbers.wall_offset` off the wall
     setup : numbers of the problem
     progress : called with a word before each form is compiled
     """
+
+    develops: ClassVar[bool] = False
 
     def __init__(
         self, mesh: Mesh, setup: DuctSetup, progress: Callable[[str], None] = lambda text: None
@@ -275,3 +279,31 @@ class DuctSection(Discretisation):
         for name, function in fields.items():
             function.name = name
         return fields
+
+
+class DuctStation(DuctSection):
+    """A section of a developing flow, solved from the two sections upstream of it.
+
+    What enters leaves: continuity gives the flux of the station before, for any G. The wrong G
+    would show as a mean of the pressure in the section, so G is the one for which it is zero.
+    """
+
+    develops: ClassVar[bool] = True
+
+    def _axis(self) -> Axis:
+        self.older = fem.Function(self.space)
+        self.weights = [self._constant(0.0) for _ in range(3)]
+        return DevelopingAxis(self.weights, [self.state(self.old), self.state(self.older)])
+
+    def _borders(self) -> list[Border]:
+        """G is set by the mean of the pressure in the section."""
+        self._flux_form = compile_form(self._flux())
+        column = -self._test().u[2] * self.dx
+        return [self._border(self.drive, column, self.state(self.now).p * self.dx, 0.0)]
+
+    def _targets(self) -> list[float]:
+        return [0.0]
+
+    def flux(self) -> float:
+        """Volume flux of the part solved, the strip at the wall included [m3/s]."""
+        return self.mesh.mesh.comm.allreduce(fem.assemble_scalar(self._flux_form))

@@ -93,6 +93,30 @@ def cold(section: DuctSection) -> None:
     _fulfil(section)
 
 
+def enter(section: DuctSection, intensity: float, length: float) -> None:
+    """Uniform velocity with isotropic turbulence of an intensity [-] and length scale [m].
+
+    k = 3/2 (intensity U)^2 and eps = 0.09^(3/4) k^(3/2)/length, as for the dense flow's inlet.
+    """
+    speed, values = section.setup.velocity, section.now.x.array
+    k = 1.5 * (intensity * speed) ** 2
+    eps = 0.09**0.75 * k**1.5 / length
+    values[:] = 0.0
+    section.drive.value = 0.0
+    _put(section, "e", lambda x: np.full(x.shape[1], np.log(eps)))
+    if section.setup.law.transported:
+        isotropic = 2 / 3 * k * np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
+        _put(section, "r", lambda x: np.repeat(isotropic[:, None], x.shape[1], axis=1))
+    else:
+        _put(section, "q", lambda x: np.full(x.shape[1], np.log(k)))
+    _put(section, "u", lambda x: np.vstack([0 * x[:2], speed + 0 * x[:1]]))
+    # the strip at the wall carries less than its share
+    geometry = section.mesh.geometry
+    wanted = speed * geometry.area / geometry.area_factor
+    share = wanted / section.flux()
+    _put(section, "u", lambda x: np.vstack([0 * x[:2], share * speed + 0 * x[:1]]))
+
+
 def _put(section: DuctSection, name: str, f: Callable[[np.ndarray], np.ndarray]) -> None:
     """Interpolate values f(x) into one unknown."""
     function = section.unknown(name)

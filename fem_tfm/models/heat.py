@@ -9,12 +9,13 @@ that q hides is put in and taken out again with the projected gradient m of T (E
 
     + a_s (grad T - m).grad w,   a_s = C k^2/eps
 
-d/dz of T and q is c_0 times themselves plus a given field, which serves a constant wall flux
-(dT/dz a constant), a decaying temperature (proportional to the field before) and a march.
+The section carries heat with a velocity whose divergence is exactly that of the axial flow, and the
+strip at the wall takes part, so that what walls give is what the gas takes, to round-off.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +29,7 @@ from fem_tfm.models.reynolds_stress import GasState, ReynoldsStressModel
 
 @dataclass(frozen=True)
 class HeatState:
-    """T above the wall [K], its fluxes q [K m/s] and projected gradient m [K/m] as UFL expressions.
+    """T above a reference [K], its fluxes q [K m/s] and its projected gradient m [K/m].
 
     q and m are None where the fluxes follow the gradient.
     """
@@ -36,6 +37,17 @@ class HeatState:
     t: Expr
     q: Expr | None = None
     m: Expr | None = None
+
+
+class Proportional:
+    """Temperature that changes along the axis as a given one: d/dz of T and q are given fields."""
+
+    def __init__(self, given: HeatState) -> None:
+        self.given = given
+
+    def change(self, quantity: Callable[[Any], Expr], state: tuple[GasState, HeatState]) -> Expr:
+        """d/dz of a quantity of flow and heat that is linear in the heat."""
+        return quantity((state[0], self.given))
 
 
 class HeatModel:
@@ -48,7 +60,9 @@ class HeatModel:
     prandtl : of the gas [-]
     gas : model of the flow
     flow : its state
-    across : velocity in the section that carries heat, free of divergence, shape (2,) [m/s]
+    across : velocity in the section that carries heat, shape (2,) [m/s]
+    axis : d/dz of quantities of flow and heat
+    wall_temperature : above the reference [K]
     """
 
     def __init__(
@@ -59,6 +73,8 @@ class HeatModel:
         gas: ReynoldsStressModel,
         flow: GasState,
         across: Expr,
+        axis: Any,
+        wall_temperature: Any,
     ) -> None:
         self.law = law
         self.wall = wall
@@ -66,35 +82,47 @@ class HeatModel:
         self.gas = gas
         self.flow = flow
         self.across = across
+        self.axis = axis
+        self.wall_temperature = wall_temperature
 
     @property
     def diffusivity(self) -> Expr:
         """a = nu/Pr [m2/s]."""
         return self.gas.numbers.viscosity / self.prandtl
 
-    def _wall(self, quantity: Any) -> Expr:
-        numbers, k = self.gas.numbers, self.gas.energy(self.flow)
+    def _wall(self, quantity: Callable[..., Expr], flow: GasState) -> Expr:
+        numbers, k = self.gas.numbers, self.gas.energy(flow)
         place = numbers.wall_offset, numbers.viscosity
         return quantity(self.gas.function, k, *place, self.prandtl)
 
     def loss(self, state: HeatState) -> Expr:
         """Flux into the wall over rho c_p [K m/s]."""
-        return self._wall(self.wall.conductance) * state.t
+        excess = state.t - self.wall_temperature
+        return self._wall(self.wall.conductance, self.flow) * excess
 
-    def strip_heat(self, state: HeatState) -> Expr:
+    def strip_heat(self, state: tuple[GasState, HeatState]) -> Expr:
         """Heat flow of the strip at the wall per width over rho c_p [K m2/s]."""
-        return self._wall(self.wall.strip) * self.flow.u[2] * state.t
+        flow, heat = state
+        share = self._wall(self.wall.strip, flow) * flow.u[2]
+        return share * (heat.t - self.wall_temperature) + self._strip(flow) * self.wall_temperature
 
-    def residual(self, now: HeatState, test: HeatState, rate: Any, given: HeatState) -> ufl.Form:
-        """All balances; d/dz is `rate` times `now` plus `given`."""
-        u, domain = self.flow.u, self.gas.domain
-        along = rate * now.t + given.t
+    def _strip(self, flow: GasState) -> Expr:
+        return self.gas.strip_flux(flow)
+
+    def residual(self, now: HeatState, test: HeatState) -> ufl.Form:
+        """All balances."""
+        gas, flow, state = self.gas, self.flow, (self.flow, now)
         gradient = ufl.grad(now.t)
-        change = ufl.dot(self.across, gradient) + u[2] * along
+        # u.grad T = div(u T) - T div u, with the axial part of both differenced as it is
+        along = self.axis.change(lambda s: s[0].u[2] * s[1].t, state)
+        along -= now.t * gas.axis.change(lambda s: s.u[2], flow)
+        strip = self.axis.change(self.strip_heat, state)
+        strip -= now.t * gas.axis.change(self._strip, flow)
         flux = self.diffusivity * gradient - self._turbulent(now)
-        form = (change * test.t + ufl.dot(flux, ufl.grad(test.t))) * domain.dx
-        form += self.loss(now) * test.t * domain.ds_wall
-        return form if now.q is None else form + self._fluxes(now, test, rate, given, along)
+        change = ufl.dot(self.across, gradient) + along
+        form = (change * test.t + ufl.dot(flux, ufl.grad(test.t))) * gas.domain.dx
+        form += (self.loss(now) + strip) * test.t * gas.domain.ds_wall
+        return form if now.q is None else form + self._fluxes(now, test)
 
     def _turbulent(self, now: HeatState) -> Expr:
         """The turbulent flux in the section [K m/s]."""
@@ -109,18 +137,17 @@ class HeatModel:
             return self.gas.law.eddy_viscosity(k, eps)
         return self.gas.numbers.stabilisation * k**2 / eps
 
-    def _fluxes(
-        self, now: HeatState, test: HeatState, rate: Any, given: HeatState, along: Expr
-    ) -> ufl.Form:
+    def _fluxes(self, now: HeatState, test: HeatState) -> ufl.Form:
         """Transport of q, and the conduction that is put in and taken out again."""
-        gas, flow, law = self.gas, self.flow, self.law
+        gas, flow, law, state = self.gas, self.flow, self.law, (self.flow, now)
         k, eps, stress = gas.energy(flow), gas.eps(flow), gas.stress(flow)
         rates, gradient = gas.velocity_gradient(flow), ufl.grad(now.t)
+        along = self.axis.change(lambda s: s[1].t, state)
         full = ufl.as_vector((gradient[0], gradient[1], along))
         source = law.production(now.q, stress, rates, full)
         source += law.redistribution(now.q, rates, k, eps, gas.reflections(flow))
         change = ufl.dot(ufl.grad(now.q), self.across)
-        change += flow.u[2] * (rate * now.q + given.q) - source
+        change += flow.u[2] * self.axis.change(lambda s: s[1].q, state) - source
         spread = law.diffusivity(stress, k, eps)
         spread = ufl.as_matrix([[spread[i, j] for j in (0, 1)] for i in (0, 1)])
         diffusion = ufl.inner(ufl.dot(ufl.grad(now.q), spread), ufl.grad(test.q))
@@ -132,7 +159,7 @@ class HeatModel:
         """Form of the heat flow of the part solved over rho c_p, with the strip [K m3/s]."""
         domain = self.gas.domain
         inside = self.flow.u[2] * state.t * domain.dx
-        return inside + self.strip_heat(state) * domain.ds_wall
+        return inside + self.strip_heat((self.flow, state)) * domain.ds_wall
 
     def lost(self, state: HeatState) -> Any:
         """Form of the heat into the wall per length over rho c_p [K m2/s]."""

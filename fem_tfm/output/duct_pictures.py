@@ -130,6 +130,51 @@ def lines_picture(path: str | Path, lines: Mapping[str, ArrayLike], title: str =
     _save(figure, path, title)
 
 
+# columns along the axis on one set of axes, with the label of their ordinate
+AXIS_PANELS = (
+    ("velocity/U", ("centre_to_bulk", "max_to_bulk")),
+    ("friction factor", ("friction_factor",)),
+    ("secondary velocity, largest/U", ("secondary_velocity_max",)),
+    (r"$k/u_\tau^2$ on the axis", ("axis_energy",)),
+    ("pressure [Pa]", ("pressure",)),
+    ("Nusselt number", ("nusselt",)),
+    ("temperature [K]", ("bulk_temperature", "wall_temperature")),
+)
+
+
+def axis_picture(
+    path: str | Path, columns: Mapping[str, ArrayLike], width: float, title: str = ""
+) -> None:
+    """Draw how the gas develops along its axis; columns that are not there are left out.
+
+    columns : "z" [m] and those of `AXIS_PANELS`
+    width : hydraulic diameter, the unit of the abscissa [m]
+    """
+    panels = [(label, [n for n in names if n in columns]) for label, names in AXIS_PANELS]
+    panels = [(label, names) for label, names in panels if names]
+    rows = -(-len(panels) // 2)
+    figure = Figure(figsize=(9.0, 2.5 * rows + 0.5), layout="constrained")
+    grid = figure.subplots(rows, 2, squeeze=False).ravel()
+    at = np.asarray(columns["z"]) / width
+    for axes, (label, names) in zip(grid, panels, strict=False):
+        for name in names:
+            axes.plot(at, columns[name], linewidth=1.5, label=name.replace("_", " "))
+        if names[0] in ("friction_factor", "nusselt"):
+            # an entrance is far above the rest
+            axes.set_yscale("log")
+        if len(names) > 1:
+            axes.legend(fontsize=8, frameon=False)
+        axes.set_xlabel("z/D", fontsize=9)
+        axes.set_ylabel(label, fontsize=9)
+        axes.set_xlim(at[0], at[-1])
+        axes.grid(color="#dddddd", linewidth=0.6)
+        axes.tick_params(**STYLE)
+        axes.spines[["top", "right"]].set_visible(False)
+    for axes in grid[len(panels) :]:
+        axes.set_axis_off()
+    _save(figure, path, title)
+
+
 def _save(figure: Figure, path: str | Path, title: str) -> None:
     if title:
         figure.suptitle(title, fontsize=12)

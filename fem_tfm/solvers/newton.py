@@ -92,6 +92,10 @@ class DirectSolver:
     """MUMPS factorisation of one matrix, reused for any number of right-hand sides."""
 
     def __init__(self, matrix: PETSc.Mat) -> None:
+        self._create(matrix)
+
+    def _create(self, matrix: PETSc.Mat) -> None:
+        self.failed = False
         self.ksp = PETSc.KSP().create(matrix.comm)
         self.ksp.setOptionsPrefix(f"fem_tfm_direct_{next(_COUNTER)}_")
         self.ksp.setType("preonly")
@@ -109,16 +113,22 @@ class DirectSolver:
 
     def refactor(self, matrix: PETSc.Mat) -> None:
         """Factorise new values of the matrix."""
+        if self.failed:
+            # PETSc remembers a failure and would report it again whatever the values
+            self.destroy()
+            self._create(matrix)
         self.ksp.setOperators(matrix)
         try:
             self.ksp.setUp()
         except PETSc.Error as error:
+            self.failed = True
             raise LinearSolveError("factorisation failed") from error
 
     def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec) -> None:
         """Solve with the last factorisation."""
         self.ksp.solve(rhs, solution)
         if self.ksp.getConvergedReason() < 0 or not math.isfinite(solution.norm()):
+            self.failed = True
             raise LinearSolveError("linear solve failed")
 
     def destroy(self) -> None:
