@@ -165,7 +165,7 @@ class DuctLine(developing.Line):
         """Temperatures, flux and Nusselt number; the inlet has no wall yet."""
         heat, given, base = self.heat, self.case.heat, self.case.gas.temperature
         capacity = self.density * given.heat_capacity
-        wall = base + float(heat.wall_temperature.value)
+        wall = base + heat.wall_temperature
         return {
             "bulk_temperature": base if inlet else base + heat.bulk(),
             "wall_temperature": math.nan if inlet else wall,

@@ -144,7 +144,9 @@ class DuctHeat:
         self.carrier = Carrier(section)
         self.space = fem.functionspace(section.mesh.mesh, self._element())
         self.now, self.old, self.older = (fem.Function(self.space) for _ in range(3))
-        self.wall_temperature = section._constant(0.0)
+        # temperatures of the wall here and at the stations before, and the one that is imposed
+        self.walls = [section._constant(0.0) for _ in range(3)]
+        self.imposed = 0.0
         # of the fields that are told over those that are solved
         self.scale = 1.0
         self.model = HeatModel(
@@ -155,9 +157,10 @@ class DuctHeat:
             section.state(section.now),
             self.carrier.velocity,
             self._axis(),
-            self.wall_temperature,
         )
-        form = self.model.residual(self._split(self.now), HeatState(*ufl.TestFunctions(self.space)))
+        form = self.model.residual(
+            self._split(self.now), HeatState(0.0, *ufl.TestFunctions(self.space))
+        )
         left = ufl.derivative(form, self.now, ufl.TrialFunction(self.space))
         self.system = _Linear(left, -form, self.now, self._conditions(), corrects=True)
         state = self._split(self.now)
@@ -183,9 +186,14 @@ class DuctHeat:
         more = [basix.ufl.blocked_element(p2, shape=(n,)) for n in (3, 2)]
         return basix.ufl.mixed_element([p2, *more] if self.law.transported else [p2])
 
-    @staticmethod
-    def _split(function: fem.Function) -> HeatState:
-        return HeatState(*ufl.split(function))
+    def _split(self, function: fem.Function) -> HeatState:
+        wall = self.walls[(self.now, self.old, self.older).index(function)]
+        return HeatState(wall, *ufl.split(function))
+
+    @property
+    def wall_temperature(self) -> float:
+        """Of the wall at hand, above the reference [K]."""
+        return float(self.walls[0].value)
 
     def _conditions(self) -> list[fem.DirichletBC]:
         """No flux normal to planes of symmetry."""
@@ -236,34 +244,39 @@ class DuctHeat:
         raise SolverError("the decay of the temperature along the duct does not settle")
 
     def enter(self, temperature: float, wall: float) -> None:
-        """Uniform temperature at the inlet of a march, and that of the wall, above a reference."""
+        """Uniform temperature at the inlet of a march, and that of its walls, above a reference."""
         self.now.x.array[:] = 0.0
         self._set_temperature(self.now, temperature)
-        self.wall_temperature.value = wall
+        # what enters has not met the wall yet
+        self.walls[0].value, self.imposed = temperature, wall
 
     def keep(self) -> None:
         """The temperature at hand becomes that of the station before."""
         self.older.x.array[:] = self.old.x.array
         self.old.x.array[:] = self.now.x.array
+        values = [float(wall.value) for wall in self.walls]
+        self.walls[1].value, self.walls[2].value = values[:2]
 
     def step(self, flux: float | None = None) -> None:
         """Temperature of a station of a march whose flow is solved.
 
         flux : into the gas over rho c_p [K m/s]; it decides on the temperature of the wall, the
-            same around the section. None keeps that temperature.
+            same around the section. None takes the temperature that is imposed.
         """
         self.carrier.update()
         self.system.factor()
+        wall = self.walls[0]
+        if flux is None:
+            wall.value = self.imposed
         self.system.solve()
         if flux is None:
             return
-        # both are linear in the temperature of the wall
-        wanted = -flux * self._perimeter
-        first, lost = float(self.wall_temperature.value), self.lost()
-        self.wall_temperature.value = first + 1.0
+        # the loss is linear in the temperature of the wall
+        first, lost = float(wall.value), self.lost()
+        wall.value = first + 1.0
         self.system.solve()
         slope = self.lost() - lost
-        self.wall_temperature.value = first + (wanted - lost) / slope
+        wall.value = first + (-flux * self._perimeter - lost) / slope
         self.system.solve()
 
     # -- what others read ----------------------------------------------------------------------
@@ -291,7 +304,7 @@ class DuctHeat:
 
     def nusselt(self) -> float:
         """Nu of the wall flux at the hydraulic diameter; nan where gas and wall are alike [-]."""
-        excess = float(self.wall_temperature.value) - self.bulk()
+        excess = self.wall_temperature - self.bulk()
         diffusivity = self.section.setup.numbers.viscosity / self.prandtl
         width = self.section.mesh.geometry.hydraulic_diameter
         return self.flux() * width / (diffusivity * excess) if excess else math.nan
@@ -320,7 +333,7 @@ class DuctHeat:
         fields, columns = self.fields(), {}
         for line, points in at.items():
             values = point_values(fields["temperature"], points)
-            wall = float(self.wall_temperature.value)
+            wall = self.wall_temperature
             excess = values / self.scale - wall
             columns[f"{line} (T - T_w)/(T_b - T_w)"] = excess / (self.bulk() - wall)
         if self.law.transported and self.section.setup.law.transported and "bisector" in at:

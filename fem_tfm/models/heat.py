@@ -31,9 +31,11 @@ from fem_tfm.models.reynolds_stress import GasState, ReynoldsStressModel
 class HeatState:
     """T above a reference [K], its fluxes q [K m/s] and its projected gradient m [K/m].
 
-    q and m are None where the fluxes follow the gradient.
+    q and m are None where the fluxes follow the gradient; wall is the temperature of the wall above
+    the same reference [K].
     """
 
+    wall: Any
     t: Expr
     q: Expr | None = None
     m: Expr | None = None
@@ -62,7 +64,6 @@ class HeatModel:
     flow : its state
     across : velocity in the section that carries heat, shape (2,) [m/s]
     axis : d/dz of quantities of flow and heat
-    wall_temperature : above the reference [K]
     """
 
     def __init__(
@@ -74,7 +75,6 @@ class HeatModel:
         flow: GasState,
         across: Expr,
         axis: Any,
-        wall_temperature: Any,
     ) -> None:
         self.law = law
         self.wall = wall
@@ -83,7 +83,6 @@ class HeatModel:
         self.flow = flow
         self.across = across
         self.axis = axis
-        self.wall_temperature = wall_temperature
 
     @property
     def diffusivity(self) -> Expr:
@@ -97,14 +96,13 @@ class HeatModel:
 
     def loss(self, state: HeatState) -> Expr:
         """Flux into the wall over rho c_p [K m/s]."""
-        excess = state.t - self.wall_temperature
-        return self._wall(self.wall.conductance, self.flow) * excess
+        return self._wall(self.wall.conductance, self.flow) * (state.t - state.wall)
 
     def strip_heat(self, state: tuple[GasState, HeatState]) -> Expr:
         """Heat flow of the strip at the wall per width over rho c_p [K m2/s]."""
         flow, heat = state
         share = self._wall(self.wall.strip, flow) * flow.u[2]
-        return share * (heat.t - self.wall_temperature) + self._strip(flow) * self.wall_temperature
+        return share * (heat.t - heat.wall) + self._strip(flow) * heat.wall
 
     def _strip(self, flow: GasState) -> Expr:
         return self.gas.strip_flux(flow)
