@@ -222,13 +222,27 @@ class Line:
             source = station.now if key == "now" else station.old
             function.x.array[:] = source.x.array[self._dofs[name]]
         fields = {f"{key}.{name}": function for (key, name), function in self._copies.items()}
-        checkpoint.save(directory, MPI.COMM_WORLD, fields, numbers, tables)
+        more_fields, more_numbers = self.companions()
+        checkpoint.save(
+            directory, MPI.COMM_WORLD, fields | more_fields, numbers | more_numbers, tables
+        )
+
+    def companions(self) -> tuple[dict[str, fem.Function], dict[str, float]]:
+        """Fields and numbers that a checkpoint holds beside the unknowns of two stations."""
+        return {}, {}
+
+    def take_companions(
+        self, fields: Mapping[str, fem.Function], numbers: Mapping[str, float]
+    ) -> None:
+        """Put back what `companions` gave."""
 
     def load(self, directory: Path) -> None:
         """Stand where a checkpoint was written."""
         station = self.station
         fields = {f"{key}.{name}": function for (key, name), function in self._copies.items()}
-        numbers = checkpoint.load(directory, MPI.COMM_WORLD, fields)
+        more, _ = self.companions()
+        numbers = checkpoint.load(directory, MPI.COMM_WORLD, fields | more)
+        self.take_companions(more, numbers)
         for (key, name), function in self._copies.items():
             target = station.now if key == "now" else station.old
             target.x.array[self._dofs[name]] = function.x.array

@@ -43,7 +43,7 @@ STABILISATION, WALL_PENALTY, PRESSURE_SHIFT = 0.09, 200.0, 1e-6
 # pseudo-time in units of D/U
 FIRST_STEP, SMALLEST_STEP, LARGEST_STEP, GROWTH = 3.0, 1e-5, 1e7, 3.0
 # a state that misses the flux by more is no answer; momentum, which is not conservative, by more
-FLUX_ERROR, MOMENTUM_ERROR = 1e-6, 0.02
+FLUX_ERROR, MOMENTUM_ERROR = 1e-6, 0.05
 LINE_POINTS = 61
 # points on a boundary are taken a hair inside, so that round-off loses none
 INSIDE = 1e-9

@@ -8,11 +8,13 @@ heat to round-off, axial momentum to the error of the mesh.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from dolfinx import fem
 from mpi4py import MPI
 
 from fem_tfm.case import Case
@@ -96,6 +98,7 @@ class DuctLine(developing.Line):
             excess = case.heat.wall_temperature - case.gas.temperature
             self.heat.enter(0.0, excess if case.heat.wall == "temperature" else 0.0)
         self.place = Place(0.0, None, self.control.first)
+        self._entered = self.momentum()
         self._tell()
 
     def _accept(self, stop: Stop) -> None:
@@ -172,6 +175,42 @@ class DuctLine(developing.Line):
             "wall_flux": math.nan if inlet else capacity * heat.flux(),
             "nusselt": math.nan if inlet else heat.nusselt(),
         }
+
+    # -- checkpoints ---------------------------------------------------------------------------
+
+    def companions(self) -> tuple[dict[str, fem.Function], dict[str, float]]:
+        """The temperature of two stations and of their walls."""
+        if self.heat is None:
+            return {}, {}
+        walls = {f"wall{i}": float(wall.value) for i, wall in enumerate(self.heat.walls)}
+        return self.heat.copies(), walls | {"imposed": self.heat.imposed}
+
+    def take_companions(
+        self, fields: Mapping[str, fem.Function], numbers: Mapping[str, float]
+    ) -> None:
+        """Put back what `companions` gave."""
+        if self.heat is not None:
+            self.heat.restore(fields)
+            self.heat.imposed = numbers["imposed"]
+            for i, wall in enumerate(self.heat.walls):
+                wall.value = numbers[f"wall{i}"]
+
+    def _remember(self) -> None:
+        super()._remember()
+        if self.heat is not None:
+            parts = (self.heat.now, self.heat.old, self.heat.older)
+            walls = [float(wall.value) for wall in self.heat.walls]
+            self._warmth = [part.x.array.copy() for part in parts], walls
+
+    def step_back(self) -> None:
+        """Put the last accepted station back, after a step was cut short."""
+        super().step_back()
+        if self.heat is not None:
+            parts = (self.heat.now, self.heat.old, self.heat.older)
+            for part, values in zip(parts, self._warmth[0], strict=True):
+                part.x.array[:] = values
+            for wall, value in zip(self.heat.walls, self._warmth[1], strict=True):
+                wall.value = value
 
     # -- what the line tells -------------------------------------------------------------------
 
