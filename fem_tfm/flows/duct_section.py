@@ -163,8 +163,9 @@ class DuctSection(Discretisation):
                 facets = self.mesh.facets(tag)
                 bcs.append(self._zero("u", component, facets))
                 if self.setup.law.transported:
-                    # R_xy and the stress between the normal and the axis
+                    # R_xy and the stress between the normal and the axis, and their shear rates
                     bcs += [self._zero("r", c, facets) for c in (3, 4 + component)]
+                    bcs += [self._zero("d", c, facets) for c in (3, component)]
         for component in (0, 1):
             facets = self.mesh.facets("wall")
             # a round wall has both components in its normal, and the flow in a pipe no swirl
