@@ -9,20 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from fem_tfm.bench import error, stress
+from fem_tfm.bench import duct, error, stress
 from fem_tfm.errors import InputError, nearest
 
 BENCHMARKS: dict[str, Callable[[], str]] = {
     "error": error.run,
+    "duct": duct.run,
     "stress": stress.run,
     "stress-quick": stress.run_quick,
 }
 # what `fem-tfm bench` runs without a name
-ALL = ("error", "stress")
+ALL = ("error", "duct", "stress")
 
 
 def run(name: str | None = None) -> str:
-    """Run one benchmark, or error and stress in turn; return their summaries.
+    """Run one benchmark, or error, duct and stress in turn; return their summaries.
 
     Raises
     ------

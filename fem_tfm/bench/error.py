@@ -89,7 +89,9 @@ def error(found: Measure, reference: float) -> float:
     return abs(found.gradient / reference - 1)
 
 
-def picture(path: Path, measures: Sequence[Measure], reference: float) -> None:
+def picture(
+    path: Path, measures: Sequence[Measure], reference: float, title: str = DEMO["title"]
+) -> None:
     """Draw run time and unknowns against the error, both axes logarithmic."""
     from matplotlib.figure import Figure
 
@@ -110,7 +112,7 @@ def picture(path: Path, measures: Sequence[Measure], reference: float) -> None:
     first = figure.axes[0]
     first.set_ylabel("relative error of the pressure gradient")
     first.legend(frameon=False)
-    figure.suptitle(DEMO["title"], fontsize=11)
+    figure.suptitle(title, fontsize=11)
     with replaced(path) as temporary:
         figure.savefig(temporary, dpi=150, format="png")
 
@@ -127,17 +129,18 @@ def run(
         # the forms are compiled outside the measurement
         measure(shape, 1)
     fine = measure("triangle", reference_level)
-    _tell(f"reference: level {reference_level}, {fine.unknowns} unknowns, {fine.gradient:.4f} Pa/m")
+    tell(f"reference: level {reference_level}, {fine.unknowns} unknowns, {fine.gradient:.4f} Pa/m")
     found = []
     for shape in shapes:
         for level in levels:
             found.append(measure(shape, level))
-            _tell(f"{shape} level {level}: {error(found[-1], fine.gradient):.1e}")
+            tell(f"{shape} level {level}: {error(found[-1], fine.gradient):.1e}")
     on_root(MPI.COMM_WORLD, lambda: picture(path, found, fine.gradient))
     lines = [*table(found, fine.gradient), f"picture in {path}"]
     return "\n".join([*lines, f"{time.perf_counter() - began:.0f} s in all"])
 
 
-def _tell(text: str) -> None:
+def tell(text: str) -> None:
+    """Print on rank 0 at once."""
     if MPI.COMM_WORLD.rank == 0:
         print(text, flush=True)
