@@ -27,7 +27,7 @@ from mpi4py import MPI
 
 from fem_tfm.case import QUANTITIES, Case, known_keys
 from fem_tfm.errors import InputError, SolverError
-from fem_tfm.flows import dense, developed, developing
+from fem_tfm.flows import dense, developed, developing, duct, duct_developing
 from fem_tfm.flows.section import Section
 from fem_tfm.mesh import geometry_of, resolution_of
 from fem_tfm.output.files import on_root, write_text
@@ -166,6 +166,9 @@ class _Solver(developed.Observer):
         if case.solution == "developing":
             self._march(case, point)
             return
+        if case.flow == "duct":
+            self._duct(case, point)
+            return
         setup, limits = dense.setup_of(case), (case.numerics.tolerance, case.numerics.max_steps)
         fits = self.solution is not None and self.meshes == mesh_key(case)
         held, self.solution = self.solution, None
@@ -186,11 +189,21 @@ class _Solver(developed.Observer):
         self._read(case, point)
 
     def _march(self, case: Case, point: Point) -> None:
-        line = developing.solve(case, developing.QUIET)
+        flow = duct_developing if case.flow == "duct" else developing
+        line = flow.solve(case, developing.QUIET)
         point.factorisations += line.station.newton.factorisations
         point.quantities = line.quantities()
         point.errors = dict.fromkeys(point.quantities)
         line.station.newton.destroy()
+
+    def _duct(self, case: Case, point: Point) -> None:
+        """A duct's gas starts cold: on its coarsest mesh that costs next to nothing."""
+        solution = duct.solve(case, self)
+        duct.checked_balances(solution.section)
+        point.quantities, point.errors, _ = duct.estimated(case, solution)
+        for level in solution.levels:
+            point.factorisations += level.section.newton.factorisations
+            level.section.newton.destroy()
 
     def _read(self, case: Case, point: Point) -> None:
         dense.checked_balances(self.solution.section)

@@ -216,7 +216,7 @@ def profiles(found: DuctSection) -> dict[str, NDArray[np.float64]]:
         "bisector outward/U": u[:, 0] / setup.velocity,
         "bisector k/u_tau2": k / u_tau2,
         "bisector (R_yy - R_xx)/u_tau2": (r[:, 4] - r[:, 0]) / u_tau2,
-        "bisector -R_xz/u_tau2": np.abs(r[:, 2]) / u_tau2,
+        "bisector R_xz/u_tau2": r[:, 2] / u_tau2,
     }
     if not isinstance(geometry, DuctGeometry):
         return columns
@@ -433,6 +433,17 @@ def developed_heat(case: Case, found: DuctSection) -> tuple[DuctHeat | None, dic
     return heat, told
 
 
+def estimated(
+    case: Case, solution: developed.Solution
+) -> tuple[dict[str, float], dict[str, float | None], DuctHeat | None]:
+    """Quantities on the finest mesh, the change of each since the mesh before, and the heat."""
+    found, density, heat = [], case.gas_material.density, None
+    for level in solution.levels[-2:]:
+        heat, more = developed_heat(case, level.section)
+        found.append(quantities(level.section, density, case.geometry.length) | more)
+    return *developed.with_changes(found), heat
+
+
 def points(found: DuctSection) -> dict[str, NDArray[np.float64]]:
     """Points along the bisector and the diagonal, from the centre outward, shape (n, 2) [m]."""
     s = np.linspace(0.0, 1.0, LINE_POINTS) * (1 - INSIDE)
@@ -445,14 +456,10 @@ def points(found: DuctSection) -> dict[str, NDArray[np.float64]]:
 
 def _finish(case: Case, solution: developed.Solution, recorder: DuctRecorder) -> Result:
     """Quantities with their errors, balances and files of a converged run."""
-    kept, found = checked_balances(solution.section), []
-    for level in solution.levels[-2:]:
-        heat, more = developed_heat(case, level.section)
-        found.append(quantities(level.section, case.gas_material.density, case.geometry.length))
-        found[-1] |= more
+    kept = checked_balances(solution.section)
+    values, errors, heat = estimated(case, solution)
     if heat is not None:
         kept["heat"] = heat.balance()
-    values, errors = developed.with_changes(found)
     result = result_of(case, "converged", recorder)
     result.quantities = with_references(case, values, errors, references(case))
     result.balances = kept

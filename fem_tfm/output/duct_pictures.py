@@ -29,8 +29,11 @@ PANELS = (
         ("bisector (R_yy - R_xx)/u_tau2", "diagonal (R_yy - R_xx)/u_tau2"),
     ),
     ("wall shear/mean", ("wall shear/mean",)),
-    (r"$-R_{xz}/u_\tau^2$", ("bisector -R_xz/u_tau2",)),
-    ("temperature", ("bisector (T - T_w)/(T_b - T_w)", "diagonal (T - T_w)/(T_b - T_w)")),
+    (r"$R_{xz}/u_\tau^2$", ("bisector R_xz/u_tau2",)),
+    (
+        r"$(T - T_w)/(T_b - T_w)$",
+        ("bisector (T - T_w)/(T_b - T_w)", "diagonal (T - T_w)/(T_b - T_w)"),
+    ),
     ("turbulent Prandtl number", ("bisector Pr_t",)),
 )
 
