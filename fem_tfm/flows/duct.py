@@ -292,11 +292,15 @@ def references(case: Case) -> dict[str, list[Reference]]:
 def skipped(case: Case) -> list[str]:
     """What the scene did not need, and why."""
     geometry, law = geometry_of(case), case.closures.reynolds_stress
+    developing = case.solution == "developing"
     left_out = ["axial direction: a developed section has d/dz = 0"]
+    if developing:
+        left_out = ["upstream influence: stresses are not differentiated along the axis"]
     if geometry.symmetry != "none":
         mirrored = {"half": "half", "quarter": "three quarters"}[geometry.symmetry]
         left_out.append(f"{mirrored} of the section: mirror images of the part solved")
-    left_out.append("history: pseudo-time leads straight to the steady state")
+    way = "the march along the axis" if developing else "pseudo-time"
+    left_out.append(f"history: {way} leads straight to the steady state")
     left_out.append("weight: the gas has one density")
     if not law.transported:
         left_out.append(f"transport of each stress: closures.reynolds_stress = {law.name}")
@@ -528,9 +532,8 @@ def chosen_fields(case: Case, fields: Mapping[str, Any]) -> dict[str, Any]:
 
 def describe(case: Case) -> dict[str, Any]:
     """What would be solved, what is left out, and what it would take."""
-    sizes, transported = mesh_sizes(case), case.closures.reynolds_stress.transported
-    cells = meshes(case)[-1]().num_cells
-    unknowns = round(cells * (UNKNOWNS_PER_CELL if transported else EDDY_UNKNOWNS_PER_CELL))
+    sizes = mesh_sizes(case)
+    cells, unknowns = size_of(case)
     laws = [case.closures.reynolds_stress, case.walls.function]
     laws += [case.closures.heat_flux, case.walls.heat] if case.heat else []
     speed = case.operation.gas_superficial_velocity
@@ -549,6 +552,12 @@ def describe(case: Case) -> dict[str, Any]:
         "inferred": list(case.inferred) or "nothing",
         "warnings": advice(case) or "none",
     }
+
+
+def size_of(case: Case) -> tuple[int, int]:
+    """Cells of the finest mesh, and about how many unknowns."""
+    cells, transported = meshes(case)[-1]().num_cells, case.closures.reynolds_stress.transported
+    return cells, round(cells * (UNKNOWNS_PER_CELL if transported else EDDY_UNKNOWNS_PER_CELL))
 
 
 # measured on the demo: unknowns of Q2/Q1 quadrilaterals, memory and CPU time of a cold run

@@ -362,8 +362,18 @@ def _write_line(case: Case, line: DuctLine, result: Result, recorder: DuctLineRe
 def describe(case: Case) -> dict[str, Any]:
     """What would be solved, what is left out, and what it would take."""
     told = duct.describe(case)
-    size = duct.mesh_sizes(case)[-1]
+    size, (_, unknowns) = duct.mesh_sizes(case)[-1], duct.size_of(case)
+    width, length = case.geometry.hydraulic_diameter, case.geometry.length
+    stations = math.ceil(FIRST_STATIONS + length / (LARGEST_STEP * width))
     return told | {
         "solved": "developing gas of a duct by Reynolds stresses: steady, marched from the inlet",
+        "given": f"{told['given']} along the line",
         "meshes": f"{1e3 * size:.3g} mm core cells at every station",
+        "stations": f"about {stations} over {length:g} m, more where much changes",
+        "time": f"about {stations * STATION_TIME * unknowns:.0f} s, and {duct.COMPILE_TIME} s more "
+        "to compile the forms if these closures are new on this machine",
     }
+
+
+# measured on the demo: stations that follow the development, CPU seconds per station and unknown
+FIRST_STATIONS, STATION_TIME = 45, 4.5e-5
