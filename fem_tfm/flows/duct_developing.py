@@ -146,7 +146,7 @@ class DuctLine(developing.Line):
         transported = setup.law.transported
         sampled = [station.unknown(name) for name in ("u", "r" if transported else "q")]
         u, r = (values[0] for values in point_values(sampled, np.zeros((1, 2))))
-        k = r[:3].sum() / 2 if transported else math.exp(float(r))
+        k = float(r[:3].sum()) / 2 if transported else math.exp(float(r))
         axial = station.now.x.array[self._dofs["u"][2::3]].max(initial=-math.inf)
         axial = station.mesh.mesh.comm.allreduce(float(axial), MPI.MAX)
         u_tau2 = math.nan if inlet else drive * width / 4
