@@ -601,8 +601,8 @@ def describe(case: Case) -> dict[str, Any]:
     return told | {
         "solved": "developing flow by the two-fluid model: steady, marched from the inlet",
         "given": _given(case),
-        "meshes": f"{1e3 * size:.3g} mm core cells at every station",
-        "stations": f"about {stations} over {case.geometry.length:g} m, more where much changes",
+        "meshes": f"{1e3 * size:.3g} mm core cells at about {stations} stations, more where much "
+        "changes",
         "time": f"about {seconds:.0f} s, and {dense.COMPILE_TIME} s more to "
         "compile the forms if these closures are new on this machine",
     }

@@ -191,7 +191,7 @@ def section_picture(
 
 # quantities along an axis on one set of axes, and the label that they share
 AXIS_PANELS = (
-    (("pressure",), "pressure"),
+    (("pressure",), "pressure above the outlet's"),
     (("pressure_gradient",), "pressure gradient"),
     (("holdup", "max_solids_fraction", "bed_fraction"), "solids"),
     (("bed_height",), "bed height"),
@@ -222,8 +222,10 @@ def axis_picture(
     at = np.asarray(columns["z"]) / width
     for axes, (names, label) in zip(grid, panels, strict=False):
         for name in names:
-            axes.plot(at, np.asarray(columns[name]), linewidth=1.5, label=name.replace("_", " "))
-        unit = units.get(names[0], "")
+            values = np.asarray(columns[name])
+            values = values - values[-1] if name == "pressure" else values
+            axes.plot(at, values, linewidth=1.5, label=name.replace("_", " "))
+        unit = units.get(names[0], "").replace("2", "²")
         axes.set_ylabel(f"{label} [{unit}]" if unit not in ("", "-") else label, fontsize=9)
         if names[0] in ("pressure_gradient", "max_theta"):
             # an entrance is far above the rest
@@ -231,7 +233,7 @@ def axis_picture(
         if len(names) > 1:
             axes.legend(fontsize=8, frameon=False)
         axes.grid(color="#dddddd", linewidth=0.6)
-        axes.tick_params(**STYLE)
+        axes.tick_params(which="both", **STYLE)
         axes.spines[["top", "right"]].set_visible(False)
         axes.set_xlim(at[0], at[-1])
         axes.set_xlabel("z/D", fontsize=9)

@@ -18,6 +18,7 @@ from fem_tfm.errors import SolverError
 from fem_tfm.flows import dense, developing
 from fem_tfm.flows.station import Station
 from fem_tfm.output import checkpoint
+from fem_tfm.output.result import Result
 
 REYNOLDS, SIZE, VELOCITY, DENSITY = 500.0, 0.05, 3.0, 1.2
 # the demo entered as table 1 of the paper says, on cells of D/4
@@ -246,6 +247,31 @@ def test_a_resumed_line_is_the_same(tmp_path: Path) -> None:
     for name in whole.rows[-1]:
         assert rest.rows[-1][name] == pytest.approx(whole.rows[-1][name], rel=1e-12), name
     assert rest.balances()["axial_momentum"] < EXACT
+
+
+def test_an_interrupted_run_keeps_its_last_station(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Cut short within a step: the stations so far are written, and resuming ends the line."""
+    case = line(geometry__length=1e-3, output__stations=4, output__pictures=False)
+    whole = case.run(tmp_path / "whole")
+    check, calls = developing.Line.back_flow, []
+
+    def interrupted(self: developing.Line) -> str:
+        calls.append(check(self))
+        if len(calls) == 6:
+            raise KeyboardInterrupt
+        return calls[-1]
+
+    monkeypatch.setattr(developing.Line, "back_flow", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        case.run(tmp_path / "cut")
+    assert Result.read(tmp_path / "cut").status == "interrupted"
+    assert len((tmp_path / "cut" / "axis.csv").read_text().splitlines()) == 1 + 1 + 5
+    rest = case.run(tmp_path / "cut", resume=True)
+    assert rest["pressure_drop"] == pytest.approx(whole["pressure_drop"], rel=1e-12)
+    for name in ("axis.csv", "monitor.csv", "fields.xdmf"):
+        assert (tmp_path / "cut" / name).read_text() == (tmp_path / "whole" / name).read_text()
 
 
 def test_back_flow_ends_the_march(tmp_path: Path) -> None:
