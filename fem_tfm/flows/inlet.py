@@ -46,8 +46,8 @@ def enter(section: Section, inlet: Inlet) -> None:
         return
     _spread(section, "u_s", shape, inlet.solids_velocity)
     limit = section.setup.solids.packing_limit
-    theta = (inlet.intensity * inlet.solids_velocity) ** 2
-    for name, value in (("q", np.log(alpha / (limit - alpha))), ("tau", np.log(theta))):
+    agitation = inlet.intensity * inlet.solids_velocity
+    for name, value in (("q", np.log(alpha / (limit - alpha))), ("c", agitation)):
         section.now.x.array[section.space.sub(section.names.index(name)).collapse()[1]] = value
     section.now.x.scatter_forward()
 

@@ -2,8 +2,8 @@
 """The developed section on one mesh: spaces, forms, constraints and the solver that carries them.
 
 Unknowns on triangles (quadrilaterals likewise): u_g and u_s P2 with three components, p P1,
-logit(alpha_s) and ln Theta P2. alpha_s lives in the space of the velocity components, so that
-momentum closes.
+logit(alpha_s) and the fluctuation speed c P2. alpha_s lives in the space of the velocity
+components, so that momentum closes.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def _structure(law: Any) -> Any:
     return type(law), tuple((k, v) for k, v in values if not isinstance(v, float))
 
 
-NAMES = ("u_g", "p", "u_s", "q", "tau")
+NAMES = ("u_g", "p", "u_s", "q", "c")
 
 
 def _element(mesh: Any, with_solids: bool) -> Any:
@@ -151,6 +151,7 @@ class Section(Discretisation):
             radius=self._constant(geometry.hydraulic_diameter / 2),
             diameter=self._constant(geometry.hydraulic_diameter),
             wall_cell=1 / ufl.sqrt(ufl.inner(across, across)),
+            cell_area=abs(ufl.JacobianDeterminant(mesh)),
         )
 
     def state(self, function: fem.Function) -> State:
@@ -233,7 +234,7 @@ class Section(Discretisation):
         speed = 0.1 * self.setup.gas_velocity
         head = 0.1 * self.setup.gas.density * self.setup.gas_velocity**2
         scales = {"u_g": (speed,), "p": (head,), "u_s": (speed,)}
-        scales |= {"q": (1.0, 1.0), "tau": (1.0, 1.5)}
+        scales |= {"q": (1.0, 1.0), "c": (0.2 * speed,)}
         dofs = dict(zip(self.names, self._dofs, strict=True))
         return [Block(n, dofs[n], *scales[n], follows=n == "p") for n in self.names]
 
@@ -243,9 +244,9 @@ class Section(Discretisation):
         """Fields for output: alpha_s, u_s, u_g, theta, pressure (in the section) at their nodes."""
         fields = {"u_g": self.unknown("u_g"), "pressure": self.unknown("p")}
         if self.setup.solids is not None:
-            alpha, theta = self.unknown("q"), self.unknown("tau")
+            alpha, theta = self.unknown("q"), self.unknown("c")
             alpha.x.array[:] = self.setup.solids.packing_limit / (1 + np.exp(-alpha.x.array))
-            theta.x.array[:] = np.exp(theta.x.array)
+            theta.x.array[:] = self.setup.numerics.theta_floor + theta.x.array**2
             fields = {"alpha_s": alpha, "u_s": self.unknown("u_s"), **fields, "theta": theta}
         for name, function in fields.items():
             function.name = name
@@ -256,10 +257,11 @@ class Section(Discretisation):
         if self.setup.solids is None:
             return {}
         x, comm = self.now.x.array, self.mesh.mesh.comm
-        q, tau = (x[self._dofs[self.names.index(n)]].max(initial=-np.inf) for n in ("q", "tau"))
-        q, tau = comm.allreduce(q, MPI.MAX), comm.allreduce(tau, MPI.MAX)
+        q, c = (x[self._dofs[self.names.index(n)]].max(initial=-np.inf) for n in ("q", "c"))
+        q, c = comm.allreduce(q, MPI.MAX), comm.allreduce(c, MPI.MAX)
+        floor = self.setup.numerics.theta_floor
         limit = self.setup.solids.packing_limit
-        return {"max_alpha_s": float(limit / (1 + np.exp(-q))), "max_theta": float(np.exp(tau))}
+        return {"max_alpha_s": float(limit / (1 + np.exp(-q))), "max_theta": float(floor + c**2)}
 
     def wall_force(self) -> float:
         """Axial force of the walls on both phases per length [N/m], against the flow positive.

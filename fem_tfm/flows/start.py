@@ -11,8 +11,8 @@ from fem_tfm.fenics import compile_form
 from fem_tfm.flows.section import Section
 from fem_tfm.interpolation import transfer
 
-# measured: a cold start is fastest with a granular temperature of about this fraction of U_g^2
-THETA_START = 2.5e-4
+# measured: a cold start is fastest with a fluctuation speed of about this fraction of U_g
+AGITATION_START = 0.016
 SOLIDS_START = 1.0
 
 
@@ -58,7 +58,7 @@ def cold(section: Section) -> None:
     if setup.solids is not None:
         _set_axial(section, 2, np.full_like(profile, u_s))
         logit = float(np.log(alpha / (setup.solids.packing_limit - alpha)))
-        for i, value in ((3, logit), (4, float(np.log(THETA_START * setup.gas_velocity**2)))):
+        for i, value in ((3, logit), (4, AGITATION_START * setup.gas_velocity)):
             section.now.x.array[section.space.sub(i).collapse()[1]] = value
     _strong_zero(section)
 

@@ -9,8 +9,9 @@ Balances (physics of dense gas-solid flow; every solids viscosity is that of the
     3/2 [d(a rho_s Theta)/dt + div(a rho_s u_s Theta)]
         = sigma_kin : grad u_s + div(kappa grad Theta) - gamma - 3 beta Theta
 
-Unknowns are u_s, u_g (three components), p, q = logit(alpha_s/alpha_max) and tau = ln Theta, so
-that 0 < alpha_s < alpha_max and Theta > 0 hold by construction. p is the pressure without the
+Unknowns are u_s, u_g (three components), p, q = logit(alpha_s/alpha_max) and the fluctuation speed
+c of the grains, Theta = theta_floor + c^2, so that 0 < alpha_s < alpha_max and Theta > 0 hold by
+construction. p is the pressure without the
 weight of the gas: P = p + rho_g g.x - G z, so the solids feel alpha_s (rho_s - rho_g) g. Momentum
 is conservative: tested with a constant it says that the walls carry G times the area to the
 accuracy of the solver.
@@ -64,19 +65,27 @@ class Numerics:
 
     alpha_diffusion : diffusion of logit(alpha_s) [m2/s]; a mass-conserving diffusion
         D = alpha_diffusion/(alpha_s (1 - alpha_s/alpha_max)) that keeps voids bounded
-    theta_floor : granular temperature that the gas keeps up in an unsheared plug [m2/s2]
+    capture : C of a further diffusion C h^2 |div(alpha_s u_s)| of logit(alpha_s) [-]; it is there
+        where the mesh of cells h fails to carry a front, and vanishes with h^4
+    damping : C of a viscosity C h^2 |grad u_perp| of the secondary flow [-]; it bounds the Reynolds
+        number of a cell where the phase itself has next to no viscosity, and vanishes with h^2
+    smallest_rate : added in quadrature to the rates of both [1/s]
+    theta_floor : granular temperature that an unsheared plug keeps [m2/s2]
     slip_floor : added in quadrature to the slip speed in the drag [m/s]
     shear_floor : added in quadrature to the gas shear rate in the eddy viscosity [1/s]
     wall_penalty : factor of the weak condition u.n = 0 [-]
     wall_speed : speed of the inertial share of that condition [m/s]
     pressure_shift : compressibility that fixes the mean of p at zero [m s/kg]
     relaxation : time in which an algebraic Theta follows during pseudo-time [s]
-    smoothing : length over which ln of an algebraic Theta is smoothed [m]; it stands for the
-        conduction that the algebraic balance lacks, without which voids and shear-free lines
+    smoothing : length over which an algebraic c is smoothed [m]; it stands for the conduction
+        that the algebraic balance lacks, without which voids and shear-free lines
         make Theta as rough as the mesh
     """
 
     alpha_diffusion: Any
+    capture: Any
+    damping: Any
+    smallest_rate: Any
     theta_floor: Any
     slip_floor: Any
     shear_floor: Any
@@ -93,13 +102,13 @@ class Numerics:
 
 @dataclass(frozen=True)
 class State:
-    """Unknowns as UFL expressions; the gas alone has u_s = q = tau = None."""
+    """Unknowns as UFL expressions; the gas alone has u_s = q = c = None."""
 
     u_g: Expr
     p: Expr
     u_s: Expr | None = None
     q: Expr | None = None
-    tau: Expr | None = None
+    c: Expr | None = None
 
 
 @dataclass(frozen=True)
@@ -112,6 +121,7 @@ class Domain:
     wall_offset : distance y_p at which the gas wall law holds [m]
     radius, diameter : half the hydraulic diameter and the diameter [m]
     wall_cell : height of the cell at a wall facet [m]
+    cell_area : h^2, twice the area of a triangle and the area of a quadrilateral [m2]
     """
 
     dx: ufl.Measure
@@ -122,6 +132,7 @@ class Domain:
     radius: Any
     diameter: Any
     wall_cell: Expr
+    cell_area: Expr
 
 
 @dataclass(frozen=True)
@@ -212,8 +223,8 @@ class TwoFluid:
         return self.solids.packing_limit / (1 + ufl.exp(-state.q))
 
     def theta(self, state: State) -> Expr:
-        """Theta = exp(tau) [m2/s2]."""
-        return ufl.exp(state.tau)
+        """Theta = theta_floor + c^2 [m2/s2]."""
+        return self.numerics.theta_floor + state.c**2
 
     def rate(self, state: State, phase: str) -> Expr:
         """L = grad u of "u_g" or "u_s" with its axial column, shape (3, 3) [1/s]."""
@@ -254,8 +265,25 @@ class TwoFluid:
         return (self.gas.viscosity + mu_t) / slope
 
     def numerical_flux(self, state: State) -> Expr:
-        """Volume flux of the solids by the diffusion of q, -alpha_diffusion grad q [m/s]."""
-        return -self.numerics.alpha_diffusion * self.axis.gradient(state.q)
+        """Volume flux of the solids by the diffusion of q [m/s].
+
+        -(alpha_diffusion + capture h^2 |div(alpha_s u_s)|) grad q
+        """
+        alpha = self.alpha(state)
+        rate = ufl.inner(self.axis.gradient(alpha), state.u_s)
+        rate += alpha * ufl.tr(self.axis.jacobian(state.u_s))
+        capture = self.numerics.capture * self.domain.cell_area * self.bounded(rate**2)
+        return -(self.numerics.alpha_diffusion + capture) * self.axis.gradient(state.q)
+
+    def grid_viscosity(self, u: Expr) -> Expr:
+        """Kinematic viscosity damping h^2 |grad u_perp| of the mesh [m2/s]."""
+        rate = self.axis.jacobian(u)
+        across = sum(rate[i, j] ** 2 for i in range(2) for j in range(2))
+        return self.numerics.damping * self.domain.cell_area * self.bounded(across)
+
+    def bounded(self, square: Expr) -> Expr:
+        """Root of the square of a rate, kept off zero where its slope is infinite [1/s]."""
+        return ufl.sqrt(square + self.numerics.smallest_rate**2)
 
     # -- balances ------------------------------------------------------------------------------
 
@@ -283,6 +311,8 @@ class TwoFluid:
         """Momentum of the solids, with wall friction and the weak condition u_s.n = 0."""
         rho, solid = self.solids.density, self.solid(now)
         a, a0 = solid.alpha, self.alpha(old)
+        eddy = rho * a * self.grid_viscosity(now.u_s)
+        stress = solid.stress() + 2 * eddy * solid.strain
         flux = a * now.u_s + self.numerical_flux(now)
         body = a * (self.axis.gradient(now.p) - (rho - self.gas.density) * self.gravity)
         along = self.axis.change(lambda s: self.alpha(s) * s.u_s[2] * s.u_s, now)
@@ -291,11 +321,11 @@ class TwoFluid:
             + ufl.inner(body + rho * along, v)
             - a * drive * v[2]
             - self.drag(now) * ufl.inner(now.u_g - now.u_s, v)
-            + ufl.inner(solid.stress() - rho * ufl.outer(now.u_s, flux), self.axis.jacobian(v))
+            + ufl.inner(stress - rho * ufl.outer(now.u_s, flux), self.axis.jacobian(v))
         ) * self.domain.dx
-        stiffness = solid.viscosity + solid.kinetic.bulk_viscosity
+        stiffness = solid.viscosity + solid.kinetic.bulk_viscosity + eddy
         traction = self.solids_wall_traction(now)
-        return form + self.wall_terms(now.u_s, v, traction, solid.stress(), stiffness, rho * a)
+        return form + self.wall_terms(now.u_s, v, traction, stress, stiffness, rho * a)
 
     def gas_momentum(self, now: State, old: State, v: Expr, idt: Any, drive: Any) -> ufl.Form:
         """Momentum of the gas, with its wall law and the weak condition u_g.n = 0."""
@@ -304,6 +334,7 @@ class TwoFluid:
         flux = a * now.u_g
         if self.solids is not None:
             flux = flux - self.numerical_flux(now)
+            mu += rho * self.grid_viscosity(now.u_g)
         stress = 2 * a * mu * deviatoric_strain(self.rate(now, "u_g"))
         along = self.axis.change(lambda s: (1 - self.alpha(s)) * s.u_g[2] * s.u_g, now)
         form = (
@@ -320,43 +351,55 @@ class TwoFluid:
         )
 
     def granular_energy(self, now: State, old: State, w: Expr, idt: Any) -> ufl.Form:
-        """Granular energy, or production = dissipation with `theta = "algebraic"`."""
-        solid, rho = self.solid(now), self.solids.density
-        theta, k = solid.theta, solid.kinetic
+        """Granular energy in c, or production = dissipation with `theta = "algebraic"`.
+
+        With Theta = c^2, mu = mu_1 c, gamma = gamma_1 c^3 and so on the balance over c is::
+
+            3 a rho_s (dc/dt + u_s.grad c) = (sigma_kin : grad u_s)/c - gamma/c - 3 beta c
+                + 2 div(kappa grad c) + 2 (kappa/c) |grad c|^2
+
+        Nothing in it is singular at c = 0, where production pushes c up. Where Theta falls by
+        decades within a cell the discrete c may dip below zero, and the solution stays bounded.
+        """
+        solid, c = self.solid(now), now.c
+        slope, speed = self.axis.gradient(c), ufl.sqrt(solid.theta)
         if self.closures.theta == "algebraic":
-            shear = ufl.inner(solid.strain, solid.strain)
-            # without -p D: compression, which voids exaggerate, would feed Theta without bound
-            target = algebraic_theta(
-                solid.alpha,
-                solid.g0,
-                shear,
-                0.0,
-                self.closures.granular,
-                self.solids,
-                self.domain.diameter,
-                self.drag(now),
-            )
-            target += self.numerics.theta_floor
-            lag = idt * self.numerics.relaxation * (now.tau - old.tau)
-            smooth = self.numerics.smoothing**2 * self.axis.gradient(now.tau)
+            wanted = ufl.sqrt(self.algebraic_theta(now, solid) + self.numerics.theta_floor)
+            lag = idt * self.numerics.relaxation * (c - old.c)
+            smooth = self.numerics.smoothing**2 * slope
             return (
-                (now.tau - ufl.ln(target) + lag) * w + ufl.inner(smooth, self.axis.gradient(w))
+                (c - wanted + lag) * w + ufl.inner(smooth, self.axis.gradient(w))
             ) * self.domain.dx
-        work = solid.kinetic_work()
+        k, work = solid.kinetic, solid.kinetic_work()
         if self.closures.friction_feeds_theta:
             work += 2 * solid.mu_f * ufl.inner(solid.strain, solid.strain)
-        sink = k.dissipation + 3 * self.drag(now) * (theta - self.numerics.theta_floor)
-        old_energy = self.alpha(old) * self.theta(old)
         flux = solid.alpha * now.u_s + self.numerical_flux(now)
-        conduction = k.conductivity * theta * self.axis.gradient(now.tau)
-        along = self.axis.change(lambda s: self.alpha(s) * self.theta(s) * s.u_s[2], now)
-        stored = idt * (solid.alpha * theta - old_energy) + along
-        form = (
-            (1.5 * rho * stored - work + sink) * w
-            + ufl.inner(conduction - 1.5 * rho * theta * flux, self.axis.gradient(w))
-        ) * self.domain.dx
+        carried = idt * solid.alpha * (c - old.c) + ufl.inner(flux, slope)
+        carried += solid.alpha * now.u_s[2] * self.axis.change(lambda s: s.c, now)
+        sink = (k.dissipation / solid.theta + 3 * self.drag(now)) * c
+        spread = 2 * k.conductivity
+        gain = (work + spread * ufl.inner(slope, slope)) / speed
         heat = self.closures.solids_wall.heat(self.wall_state(now, solid), self.solids)
-        return form - heat * w * self.domain.ds_wall
+        return (
+            (3 * self.solids.density * carried + sink - gain) * w
+            + ufl.inner(spread * slope, self.axis.gradient(w))
+        ) * self.domain.dx - heat / speed * w * self.domain.ds_wall
+
+    def algebraic_theta(self, state: State, solid: Solid) -> Expr:
+        """Theta where production equals dissipation [m2/s2].
+
+        It is without -p D: compression, which voids exaggerate, would feed Theta without bound.
+        """
+        return algebraic_theta(
+            solid.alpha,
+            solid.g0,
+            ufl.inner(solid.strain, solid.strain),
+            0.0,
+            self.closures.granular,
+            self.solids,
+            self.domain.diameter,
+            self.drag(state),
+        )
 
     def residual(
         self, now: State, old: State, test: State, idt: Any, drive: Any, source: Any
@@ -369,7 +412,7 @@ class TwoFluid:
             form
             + self.solids_momentum(now, old, test.u_s, idt, drive)
             + self.solids_mass(now, old, test.q, idt, source)
-            + self.granular_energy(now, old, test.tau, idt)
+            + self.granular_energy(now, old, test.c, idt)
         )
 
     # -- walls ---------------------------------------------------------------------------------

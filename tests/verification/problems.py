@@ -119,6 +119,7 @@ def square(cells: int, degree: int, kind: dmesh.CellType) -> tuple[Any, Domain]:
         radius=fem.Constant(mesh, RADIUS),
         diameter=fem.Constant(mesh, 2 * RADIUS),
         wall_cell=fem.Constant(mesh, WALL_CELL),
+        cell_area=fem.Constant(mesh, WALL_CELL**2),
     )
     return mesh, domain
 
@@ -136,6 +137,9 @@ def plain_numerics(**changes: float) -> Numerics:
     """Regularisations of order one, so that every term of the forms weighs."""
     values = {
         "alpha_diffusion": 0.1,
+        "capture": 2.0,
+        "damping": 3.0,
+        "smallest_rate": 0.1,
         "theta_floor": 0.01,
         "slip_floor": 0.1,
         "shear_floor": 0.1,

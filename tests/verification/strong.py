@@ -50,7 +50,7 @@ class Exact:
     p: Field
     u_s: Field
     q: Field
-    tau: Field
+    c: Field
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,7 @@ class Strong:
     offset: float
     radius: float
     wall_cell: float
+    cell_area: float
     drive: float
     source: float
     idt: float
@@ -75,6 +76,10 @@ class Strong:
     def alpha(self, s: Exact, x: np.ndarray) -> np.ndarray:
         """Solids fraction."""
         return self.solids.packing_limit / (1 + np.exp(-s.q(x)))
+
+    def theta(self, s: Exact, x: np.ndarray) -> np.ndarray:
+        """Granular temperature."""
+        return self.numerics.theta_floor + s.c(x) ** 2
 
     def strain(self, u: Field, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Deviator of the strain rate and the dilation."""
@@ -91,7 +96,7 @@ class Strong:
 
     def coefficients(self, s: Exact, x: np.ndarray) -> tuple[Any, Any, Any]:
         """Kinetic coefficients, friction and g0."""
-        alpha, theta = self.alpha(s, x), np.exp(s.tau(x))
+        alpha, theta = self.alpha(s, x), self.theta(s, x)
         strain, dilation = self.strain(s.u_s, x)
         g0 = self.closures.radial.g0(alpha, self.solids)
         kinetic = self.closures.granular.coefficients(
@@ -102,21 +107,36 @@ class Strong:
         return kinetic, friction, g0
 
     def solids_stress(self, s: Exact, x: np.ndarray) -> np.ndarray:
-        """Kinetic and frictional stress."""
+        """Kinetic and frictional stress, and that of the mesh."""
         strain, dilation = self.strain(s.u_s, x)
         k, f, _ = self.coefficients(s, x)
         bulk = k.bulk_viscosity * dilation - k.pressure - f.pressure
-        return np.eye(3)[:, :, None] * bulk + 2 * (k.shear_viscosity + f.viscosity) * strain
+        viscosity = k.shear_viscosity + f.viscosity + self.solids_grid(s, x)
+        return np.eye(3)[:, :, None] * bulk + 2 * viscosity * strain
+
+    def solids_grid(self, s: Exact, x: np.ndarray) -> np.ndarray:
+        """Viscosity of the mesh in the solids."""
+        return self.solids.density * self.alpha(s, x) * self.grid(s.u_s, x)
+
+    def grid(self, u: Field, x: np.ndarray) -> np.ndarray:
+        """Kinematic viscosity of the mesh."""
+        across = (gradient(u, x)[:2, :2] ** 2).sum((0, 1))
+        return self.numerics.damping * self.cell_area * self.bounded(across)
+
+    def bounded(self, square: np.ndarray) -> np.ndarray:
+        """Root of the square of a rate."""
+        return np.sqrt(square + self.numerics.smallest_rate**2)
 
     def gas_viscosity(self, s: Exact, x: np.ndarray) -> np.ndarray:
-        """Molecular and turbulent viscosity."""
+        """Molecular and turbulent viscosity, and that of the mesh."""
         strain, _ = self.strain(s.u_g, x)
         shear = np.sqrt(2 * (strain**2).sum((0, 1)) + self.numerics.shear_floor**2)
         height, slope = self.closures.gas_wall.stretched(self.distance(x), self.offset)
         turbulent = self.closures.turbulence.eddy_viscosity(
             shear / slope, height, self.gas, self.radius
         )
-        return (self.gas.viscosity + turbulent) / slope
+        own = (self.gas.viscosity + turbulent) / slope
+        return own + self.gas.density * self.grid(s.u_g, x)
 
     def gas_stress(self, s: Exact, x: np.ndarray) -> np.ndarray:
         """Viscous stress of the gas phase."""
@@ -126,8 +146,10 @@ class Strong:
     # -- fluxes, which the divergence acts on ---------------------------------------------------
 
     def numerical(self, s: Exact, x: np.ndarray) -> np.ndarray:
-        """Diffusion of logit(alpha_s)."""
-        return -self.numerics.alpha_diffusion * gradient(s.q, x)
+        """Diffusion of logit(alpha_s), with the share of the mesh."""
+        rate = divergence(lambda p: self.alpha(s, p) * s.u_s(p), x)
+        capture = self.numerics.capture * self.cell_area * self.bounded(rate**2)
+        return -(self.numerics.alpha_diffusion + capture) * gradient(s.q, x)
 
     def solids_volume(self, s: Exact, x: np.ndarray) -> np.ndarray:
         """Volume flux of the solids."""
@@ -150,18 +172,14 @@ class Strong:
             return rho_g * carried - self.gas_stress(s, x)
 
         def energy(x: np.ndarray) -> np.ndarray:
-            theta = np.exp(s.tau(x))
-            conducted = -self.coefficients(s, x)[0].conductivity * gradient(
-                lambda p: np.exp(s.tau(p)), x
-            )
-            return 1.5 * rho_s * theta * self.solids_volume(s, x) + conducted
+            return -2 * self.coefficients(s, x)[0].conductivity * gradient(s.c, x)
 
         return {
             "u_g": gas,
             "p": lambda x: self.solids_volume(s, x) + self.gas_volume(s, x),
             "u_s": solids,
             "q": lambda x: self.solids_volume(s, x),
-            "tau": energy,
+            "c": energy,
         }
 
     # -- balances ------------------------------------------------------------------------------
@@ -174,13 +192,14 @@ class Strong:
         push = gradient(s.p, x) - self.drive * up[:, None]
         k, f, _ = self.coefficients(s, x)
         strain, dilation = self.strain(s.u_s, x)
-        theta = np.exp(s.tau(x))
+        speed, slope = np.sqrt(self.theta(s, x)), gradient(s.c, x)
         work = 2 * k.shear_viscosity * (strain**2).sum((0, 1)) - k.pressure * dilation
         work += k.bulk_viscosity * dilation**2
         if self.closures.friction_feeds_theta:
             work += 2 * f.viscosity * (strain**2).sum((0, 1))
-        loss = k.dissipation + 3 * self.beta(s, x) * (theta - self.numerics.theta_floor)
-        change = a * theta - a0 * np.exp(old.tau(x))
+        loss = (k.dissipation / speed**2 + 3 * self.beta(s, x)) * s.c(x)
+        gain = (work + 2 * k.conductivity * (slope**2).sum(0)) / speed
+        carried = self.idt * a * (s.c(x) - old.c(x)) + (self.solids_volume(s, x) * slope).sum(0)
         return {
             "u_g": rho_g * self.idt * ((1 - a) * s.u_g(x) - (1 - a0) * old.u_g(x))
             + (1 - a) * push
@@ -191,12 +210,12 @@ class Strong:
             - a * (rho_s - rho_g) * self.gravity[:, None]
             - exchange,
             "q": self.idt * (a - a0) - self.source * a,
-            "tau": 1.5 * rho_s * self.idt * change - work + loss,
+            "c": 3 * rho_s * carried - gain + loss,
         }
 
     def wall(self, s: Exact, x: np.ndarray, n: np.ndarray) -> dict[str, np.ndarray]:
         """What the weak forms put at a wall of outward normal n, beside the fluxes they drop."""
-        a, theta = self.alpha(s, x), np.exp(s.tau(x))
+        a, theta = self.alpha(s, x), self.theta(s, x)
         k, f, g0 = self.coefficients(s, x)
         normal = n[:, None] * np.ones_like(a)
         ties = {}
@@ -210,7 +229,7 @@ class Strong:
         law, height = self.closures.gas_wall, self.closures.gas_wall.height
         at = height(self.offset, 2 * self.radius)
         drag_g = (1 - a) * law.friction(speed_g, at, self.gas) * slip_g
-        stiff_s = k.shear_viscosity + f.viscosity + k.bulk_viscosity
+        stiff_s = k.shear_viscosity + f.viscosity + k.bulk_viscosity + self.solids_grid(s, x)
         stiff_g = (1 - a) * self.gas_viscosity(s, x)
         cases = {
             "u_s": (s.u_s, drag_s, self.solids_stress(s, x), stiff_s, self.solids.density * a),
@@ -222,5 +241,5 @@ class Strong:
             stiff = viscosity / self.wall_cell + density * self.numerics.wall_speed
             through = (u(x) * normal).sum(0)
             ties[name] = drag + normal * (self.numerics.wall_penalty * stiff * through - held)
-        ties["tau"] = -self.closures.solids_wall.heat(state, self.solids)
+        ties["c"] = -self.closures.solids_wall.heat(state, self.solids) / np.sqrt(theta)
         return ties

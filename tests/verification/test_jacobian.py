@@ -141,7 +141,7 @@ def compare(found: Section, name: str) -> dict[str, float]:
 
 
 # blocks that physics leaves empty: row, column
-EMPTY = {"u_g": {"q"}, "p": {"q", "tau"}, "u_s": set(), "q": set(), "tau": {"u_g", "p", "q"}}
+EMPTY = {"u_g": {"q"}, "p": {"q", "c"}, "u_s": set(), "q": set(), "c": {"u_g", "p", "q"}}
 
 
 @pytest.mark.parametrize("name", NAMES)
