@@ -359,7 +359,7 @@ class Numerics(Table):
         None, "m2/s", "diffusion of logit(alpha_s), default that of the flow", ge=0, le=1
     )
     capture: float = _key(0.02, "", "diffusion of fronts that the mesh cannot carry", ge=0, le=1)
-    damping: float = _key(0.05, "", "viscosity of the mesh in the secondary flow", ge=0, le=1)
+    damping: float = _key(0.02, "", "viscosity of the mesh in the secondary flow", ge=0, le=1)
     theta_floor: float = _key(1e-8, "m2/s2", "smallest granular temperature", ge=0, le=1)
     quadrature_degree: int = _key(5, "", "degree of the quadrature", ge=1, le=20)
     axial_step: float | None = _key(
