@@ -24,30 +24,47 @@ PADDINGS = (1e-6, 1e-3, 3e-2)
 TOLERANCE = 1e-2
 
 
-def transfer(source: fem.Function, target: fem.Function) -> fem.Function:
-    """Interpolate `source` into `target`, a function on another mesh of the same region.
+class Transfer:
+    """Interpolation of functions of one space into another, on another mesh of the same region.
 
-    For scalar or vector Lagrange spaces of equal shape. Exact where `source` is a polynomial in
-    x that the cells of both meshes carry; otherwise the error is that of `source` itself. Nodes
-    outside the source mesh by up to 3 % of its extent are extrapolated. Returns `target`, ghosts
-    up to date. Raises InputError for different shapes, SolverError if a node is further away.
+    Which cell holds which node is found once. For scalar or vector Lagrange spaces of equal shape.
+    Exact where a function is a polynomial in x that the cells of both meshes carry; otherwise the
+    error is that of the function itself. Nodes outside the source mesh by up to 3 % of its extent
+    are extrapolated.
+
+    Raises
+    ------
+    InputError
+        the spaces have different shapes.
+    SolverError
+        a node is further away.
     """
-    space = target.function_space
-    shapes = source.ufl_shape, target.ufl_shape
-    if shapes[0] != shapes[1]:
-        raise InputError("source", shapes[0], f"a function of shape {shapes[1]}, as the target")
-    cells = np.arange(_count_cells(space.mesh), dtype=np.int32)
-    extent = _extent(source.function_space.mesh)
-    for padding in PADDINGS:
-        data = fem.create_interpolation_data(
-            space, source.function_space, cells, padding=padding * extent
-        )
-        lost = space.mesh.comm.allreduce(int(np.count_nonzero(data.src_owner < 0)))
-        if not lost:
-            target.interpolate_nonmatching(source, cells, data)
-            target.x.scatter_forward()
-            return target
-    raise SolverError(f"{lost} nodes are too far outside the mesh that the values come from")
+
+    def __init__(self, source: fem.FunctionSpace, target: fem.FunctionSpace) -> None:
+        shapes = source.value_shape, target.value_shape
+        if shapes[0] != shapes[1]:
+            raise InputError("source", shapes[0], f"a function of shape {shapes[1]}, as the target")
+        self._cells = np.arange(_count_cells(target.mesh), dtype=np.int32)
+        extent = _extent(source.mesh)
+        for padding in PADDINGS:
+            self._data = fem.create_interpolation_data(
+                target, source, self._cells, padding=padding * extent
+            )
+            lost = target.mesh.comm.allreduce(int(np.count_nonzero(self._data.src_owner < 0)))
+            if not lost:
+                return
+        raise SolverError(f"{lost} nodes are too far outside the mesh that the values come from")
+
+    def carry(self, source: fem.Function, target: fem.Function) -> fem.Function:
+        """Interpolate `source` into `target` and return it, ghosts up to date."""
+        target.interpolate_nonmatching(source, self._cells, self._data)
+        target.x.scatter_forward()
+        return target
+
+
+def transfer(source: fem.Function, target: fem.Function) -> fem.Function:
+    """Interpolate `source` into `target` once; see `Transfer`."""
+    return Transfer(source.function_space, target.function_space).carry(source, target)
 
 
 @overload

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import ufl
@@ -39,6 +40,8 @@ class Discretisation:
         self._numbers: list[fem.Constant] = []
         self._integrals: dict[str, fem.Form] = {}
         self._dofs = [self._sub_dofs(i) for i in range(len(self.names))]
+        # what carries each unknown here from another mesh, by that mesh's discretisation
+        self.carriers: WeakKeyDictionary[Discretisation, dict[int, Any]] = WeakKeyDictionary()
 
     # -- numbers in forms ----------------------------------------------------------------------
 

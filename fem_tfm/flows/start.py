@@ -8,8 +8,9 @@ import ufl
 from dolfinx import fem
 
 from fem_tfm.fenics import compile_form
+from fem_tfm.flows.discretisation import Discretisation
 from fem_tfm.flows.section import Section
-from fem_tfm.interpolation import transfer
+from fem_tfm.interpolation import Transfer
 
 # measured: a cold start is fastest with a fluctuation speed of about this fraction of U_g
 AGITATION_START = 0.016
@@ -101,10 +102,26 @@ def follow(section: Section, source: Section, before: np.ndarray) -> None:
     _strong_zero(section)
 
 
-def transfer_field(source: Section, target: Section, i: int) -> None:
+class Carrier:
+    """Carries one unknown from a section to another mesh; what the meshes fix is found once."""
+
+    def __init__(self, source: Discretisation, target: Discretisation, i: int) -> None:
+        given, self._from = source.space.sub(i).collapse()
+        found, self._to = target.space.sub(i).collapse()
+        self._from, self._to = np.asarray(self._from).ravel(), np.asarray(self._to).ravel()
+        self._given, self._found = fem.Function(given), fem.Function(found)
+        self._transfer = Transfer(given, found)
+
+    def carry(self, source: np.ndarray, target: np.ndarray) -> None:
+        """From all unknowns of the source to those of the target."""
+        self._given.x.array[:] = source[self._from]
+        self._transfer.carry(self._given, self._found)
+        target[self._to] = self._found.x.array
+
+
+def transfer_field(source: Discretisation, target: Discretisation, i: int) -> None:
     """Carry unknown number i from one mesh to another."""
-    given = source.now.sub(i).collapse()
-    space, dofs = target.space.sub(i).collapse()
-    found = fem.Function(space)
-    transfer(given, found)
-    target.now.x.array[np.asarray(dofs).ravel()] = found.x.array
+    carriers = target.carriers.setdefault(source, {})
+    if i not in carriers:
+        carriers[i] = Carrier(source, target, i)
+    carriers[i].carry(source.now.x.array, target.now.x.array)
