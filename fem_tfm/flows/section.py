@@ -2,7 +2,7 @@
 """The developed section on one mesh: spaces, forms, constraints and the solver that carries them.
 
 Unknowns on triangles (quadrilaterals likewise): u_g and u_s P2 with three components, p P1,
-logit(alpha_s) and ln Theta P2. alpha_s lives in the space of the velocity components, so that
+logit(alpha_s), ln Theta and the logarithms that a law of turbulence transports P2. alpha_s lives in the space of the velocity components, so that
 momentum closes.
 """
 
@@ -53,6 +53,12 @@ class Setup:
         laws = tuple(_structure(getattr(self.closures, f.name)) for f in fields(self.closures))
         return self.solids is None, self.feed and self.feed[0], self.quadrature_degree, laws
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Unknowns of the problem, in their order."""
+        phases = NAMES if self.solids is not None else NAMES[:2]
+        return phases + self.closures.turbulence.transported
+
     def bound(self, wrap: Callable[[Any], Any]) -> tuple[Any, ...]:
         """Gas, solids, closures, gravity, numerics with all numbers wrapped, in a fixed order."""
         return (
@@ -75,15 +81,13 @@ def _structure(law: Any) -> Any:
 NAMES = ("u_g", "p", "u_s", "q", "tau")
 
 
-def _element(mesh: Any, with_solids: bool) -> Any:
+def _element(mesh: Any, names: tuple[str, ...]) -> Any:
     cell = mesh.basix_cell()
     p1 = basix.ufl.element("Lagrange", cell, 1)
     p2 = basix.ufl.element("Lagrange", cell, 2)
     vector = basix.ufl.blocked_element(p2, shape=(3,))
-    parts = [vector, p1]
-    if with_solids:
-        parts += [vector, p2, p2]
-    return basix.ufl.mixed_element(parts)
+    special = {"u_g": vector, "u_s": vector, "p": p1}
+    return basix.ufl.mixed_element([special.get(name, p2) for name in names])
 
 
 class Section:
@@ -101,8 +105,8 @@ class Section:
     ) -> None:
         self.mesh = mesh
         self.setup = setup
-        self.space = fem.functionspace(mesh.mesh, _element(mesh.mesh, setup.solids is not None))
-        self.names = NAMES if setup.solids is not None else NAMES[:2]
+        self.names = setup.names
+        self.space = fem.functionspace(mesh.mesh, _element(mesh.mesh, self.names))
         self.now = fem.Function(self.space, name="unknowns")
         self.old = fem.Function(self.space)
         self.idt = self._constant(0.0)
@@ -261,9 +265,9 @@ class Section:
         speed = 0.1 * self.setup.gas_velocity
         head = 0.1 * self.setup.gas.density * self.setup.gas_velocity**2
         scales = {"u_g": (speed,), "p": (head,), "u_s": (speed,)}
-        scales |= {"q": (1.0, 1.0), "tau": (1.0, 1.5)}
+        scales |= {"q": (1.0, 1.0)}
         dofs = dict(zip(self.names, self._dofs, strict=True))
-        return [Block(n, dofs[n], *scales[n]) for n in self.names]
+        return [Block(n, dofs[n], *scales.get(n, (1.0, 1.5))) for n in self.names]
 
     @property
     def dofs(self) -> int:

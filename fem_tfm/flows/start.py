@@ -60,7 +60,20 @@ def cold(section: Section) -> None:
         logit = float(np.log(alpha / (setup.solids.packing_limit - alpha)))
         for i, value in ((3, logit), (4, float(np.log(THETA_START * setup.gas_velocity**2)))):
             section.now.x.array[section.space.sub(i).collapse()[1]] = value
+    _set_turbulence(section)
     _strong_zero(section)
+
+
+def _set_turbulence(section: Section) -> None:
+    """Estimate of the law for a gas without grains."""
+    model = section.model
+    speed = fem.Constant(section.mesh.mesh, section.setup.gas_velocity)
+    guess = model.closures.turbulence.estimate(speed, model.stretch()[0], model.domain.radius)
+    for name, value in guess.items():
+        space, dofs = section.space.sub(section.names.index(name)).collapse()
+        found = fem.Function(space)
+        found.interpolate(fem.Expression(ufl.as_ufl(value), space.element.interpolation_points))
+        section.now.x.array[dofs] = found.x.array
 
 
 def _set_axial(section: Section, i: int, values: np.ndarray) -> None:

@@ -21,6 +21,7 @@ UFL expressions, which is also how the manufactured solutions are made.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -31,6 +32,7 @@ from ufl.core.expr import Expr
 from fem_tfm.closures.base import Closure
 from fem_tfm.closures.granular import Kinetic, algebraic_theta
 from fem_tfm.closures.materials import Gas, Solids
+from fem_tfm.closures.turbulence import Balance, Eddies
 from fem_tfm.closures.walls import WallState
 from fem_tfm.models.axis import Axis
 
@@ -93,13 +95,18 @@ class Numerics:
 
 @dataclass(frozen=True)
 class State:
-    """Unknowns as UFL expressions; the gas alone has u_s = q = tau = None."""
+    """Unknowns as UFL expressions; the gas alone has u_s = q = tau = None.
+
+    ln_k, ln_eps exist where the law of turbulence transports them.
+    """
 
     u_g: Expr
     p: Expr
     u_s: Expr | None = None
     q: Expr | None = None
     tau: Expr | None = None
+    ln_k: Expr | None = None
+    ln_eps: Expr | None = None
 
 
 @dataclass(frozen=True)
@@ -232,17 +239,34 @@ class TwoFluid:
         speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
         return self.closures.drag.beta(self.alpha(state), speed, self.gas, self.solids)
 
+    def stretch(self) -> tuple[Expr, Expr]:
+        """Height y' of the gas profile that a point carries [m], and dy'/dy."""
+        law = self.closures.gas_wall
+        return law.stretched(self.domain.wall_distance, self.domain.wall_offset)
+
+    def eddies(self, state: State) -> Eddies:
+        """What the gas's law of turbulence sees, in the coordinates of the stretched profile."""
+        rate = self.axis.jacobian(state.u_g)
+        strain, floor = deviatoric_strain(rate), self.numerics.shear_floor**2
+        shear = 2 * ufl.inner(strain, strain) + floor
+        height, slope = self.stretch()
+        found = Eddies(ufl.sqrt(shear) / slope, height, self.gas, self.domain.radius)
+        if state.ln_k is None:
+            return found
+        turn = (rate - rate.T) / 2
+        cube = ufl.inner(strain * strain, strain)
+        return replace(
+            found,
+            spin=ufl.sqrt(shear / 2 + ufl.inner(turn, turn)) / slope,
+            skewness=math.sqrt(6) * cube / (shear / 2) ** 1.5,
+            k=ufl.exp(state.ln_k),
+            eps=ufl.exp(state.ln_eps),
+        )
+
     def gas_viscosity(self, state: State) -> Expr:
         """mu_g,eff = mu_g + mu_t [Pa s], of the stretched profile where a wall law stretches it."""
-        strain = deviatoric_strain(self.axis.jacobian(state.u_g))
-        shear = ufl.sqrt(2 * ufl.inner(strain, strain) + self.numerics.shear_floor**2)
-        height, slope = self.closures.gas_wall.stretched(
-            self.domain.wall_distance, self.domain.wall_offset
-        )
-        mu_t = self.closures.turbulence.eddy_viscosity(
-            shear / slope, height, self.gas, self.domain.radius
-        )
-        return (self.gas.viscosity + mu_t) / slope
+        mu_t = self.closures.turbulence.viscosity(self.eddies(state))
+        return (self.gas.viscosity + mu_t) / self.stretch()[1]
 
     def numerical_flux(self, state: State) -> Expr:
         """Volume flux of the solids by the diffusion of q, -alpha_diffusion grad q [m/s]."""
@@ -341,11 +365,50 @@ class TwoFluid:
         heat = self.closures.solids_wall.heat(self.wall_state(now, solid), self.solids)
         return form - heat * w * self.domain.ds_wall
 
+    def gas_turbulence(self, now: State, old: State, test: State, idt: Any) -> ufl.Form:
+        """Transport of the logarithms of the gas's turbulence, each balance over its scale::
+
+            a rho (dX/dt + u.grad X) = div(a rho D grad X) + a rho D |grad X|^2 + a rho rate
+        """
+        law, eddies = self.closures.turbulence, self.eddies(now)
+        mass, slope = (1 - self.alpha(now)) * self.gas.density, self.stretch()[1]
+        held, form = law.wall_values(eddies), ufl.Form([])
+        for name, balance in law.balances(eddies, 0.0).items():
+            x, x0, w = (getattr(state, name) for state in (now, old, test))
+            form += self.logarithm(x, x0, w, now.u_g, mass, balance, slope, idt)
+            if name in held:
+                stiff = mass * balance.diffusivity / (slope * self.domain.wall_cell)
+                penalty = self.numerics.wall_penalty * stiff
+                form += penalty * (x - held[name]) * w * self.domain.ds_wall
+        return form
+
+    def logarithm(
+        self,
+        x: Expr,
+        old: Expr,
+        w: Expr,
+        u: Expr,
+        mass: Expr,
+        balance: Balance,
+        slope: Expr,
+        idt: Any,
+    ) -> ufl.Form:
+        """Transport of x = ln X in a phase of `mass` = a rho, in stretched coordinates."""
+        grad, spread = self.axis.gradient(x), balance.diffusivity / slope
+        change = idt * (x - old) + ufl.inner(u, grad)
+        growth = spread * ufl.inner(grad, grad) + slope * balance.rate
+        flux = mass * spread * grad
+        return (
+            mass * (change - growth) * w + ufl.inner(flux, self.axis.gradient(w))
+        ) * self.domain.dx
+
     def residual(
         self, now: State, old: State, test: State, idt: Any, drive: Any, source: Any
     ) -> ufl.Form:
         """Sum of all balances; `idt` = 1/dt [1/s], `drive` = G [Pa/m], `source` [1/s]."""
         form = self.gas_momentum(now, old, test.u_g, idt, drive) + self.mixture_mass(now, test.p)
+        if self.closures.turbulence.transported:
+            form += self.gas_turbulence(now, old, test, idt)
         if self.solids is None:
             return form
         return (
