@@ -225,7 +225,7 @@ KINDS = {
 
 LIMITS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 
-LAWS = ("drag", "radial", "granular", "friction", "turbulence")
+LAWS = ("drag", "radial", "granular", "friction", "turbulence", "dispersed", "dispersion")
 
 
 class Closures(Table):
@@ -237,6 +237,8 @@ class Closures(Table):
     theta: Literal["transport", "algebraic"] = _key("transport", "", "granular temperature")
     friction: Any = _key("berzi", "", "frictional stress of the solids")
     turbulence: Any = _key("mixing-length", "", "turbulence of the gas")
+    dispersed: Any = _key("none", "", "turbulence of the solids")
+    dispersion: Any = _key("none", "", "turbulent dispersion of the solids")
     friction_feeds_theta: bool = _key(False, "", "frictional work becomes granular temperature")
 
     @field_validator(*LAWS, mode="before")

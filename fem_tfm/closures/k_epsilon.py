@@ -154,6 +154,20 @@ class StandardKEpsilon(TwoEquation):
         return (made - self.C_2 * eddies.eps) / eddies.k
 
 
+def realizable_c_mu(eddies: Eddies, constant: Value) -> Value:
+    """C_mu = 1/(A_0 + A_s U* k/eps), A_s = sqrt(6) cos(acos(sqrt(6) W)/3) [-]."""
+    # a little inside -1 and 1, where the slope of the arc cosine is finite
+    angle = acos((1 - _KINK) * eddies.skewness) / 3
+    return 1 / (constant + math.sqrt(6) * cos(angle) * eddies.spin * eddies.k / eddies.eps)
+
+
+def realizable_growth(eddies: Eddies, c_2: Value, floor: Value) -> Value:
+    """C_1 S - C_2 eps/(k + floor), C_1 = max(0.43, eta/(eta + 5)), eta = S k/eps [1/s]."""
+    eta = eddies.strain * eddies.k / eddies.eps
+    c_1 = 0.43 + positive_part(eta / (eta + 5) - 0.43, _KINK)
+    return c_1 * eddies.strain - c_2 * eddies.eps / (eddies.k + floor)
+
+
 @register("turbulence", "realizable")
 @dataclass(frozen=True)
 class RealizableKEpsilon(TwoEquation):
@@ -189,14 +203,9 @@ class RealizableKEpsilon(TwoEquation):
 
     def c_mu(self, eddies: Eddies) -> Value:
         """C_mu = 1/(A_0 + A_s U* k/eps) [-]."""
-        # a little inside -1 and 1, where the slope of the arc cosine is finite
-        angle = acos((1 - _KINK) * eddies.skewness) / 3
-        return 1 / (self.A_0 + math.sqrt(6) * cos(angle) * eddies.spin * eddies.k / eddies.eps)
+        return realizable_c_mu(eddies, self.A_0)
 
     def growth(self, eddies: Eddies) -> Value:
-        """C_1 S - C_2 eps/(k + sqrt(nu eps)) [1/s]."""
-        eta = eddies.strain * eddies.k / eddies.eps
-        c_1 = 0.43 + positive_part(eta / (eta + 5) - 0.43, _KINK)
+        """C_1 S - C_2 eps/(k + viscous sqrt(nu eps)) [1/s]."""
         nu = eddies.gas.viscosity / eddies.gas.density
-        slowed = eddies.k + self.viscous * sqrt(nu * eddies.eps)
-        return c_1 * eddies.strain - self.C_2 * eddies.eps / slowed
+        return realizable_growth(eddies, self.C_2, self.viscous * sqrt(nu * eddies.eps))

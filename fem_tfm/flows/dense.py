@@ -70,6 +70,8 @@ def setup_of(case: Case) -> Setup:
         turbulence=laws.turbulence,
         gas_wall=case.walls.gas,
         solids_wall=case.walls.solids,
+        dispersed=laws.dispersed,
+        dispersion=laws.dispersion,
         theta=laws.theta,
         friction_feeds_theta=laws.friction_feeds_theta,
     )

@@ -56,8 +56,10 @@ class Setup:
     @property
     def names(self) -> tuple[str, ...]:
         """Unknowns of the problem, in their order."""
-        phases = NAMES if self.solids is not None else NAMES[:2]
-        return phases + self.closures.turbulence.transported
+        scales = self.closures.turbulence.transported
+        if self.solids is None:
+            return NAMES[:2] + scales
+        return NAMES + scales + self.closures.dispersed.transported
 
     def bound(self, wrap: Callable[[Any], Any]) -> tuple[Any, ...]:
         """Gas, solids, closures, gravity, numerics with all numbers wrapped, in a fixed order."""

@@ -7,6 +7,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from fem_tfm.closures.turbulence import nikuradse
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.section import Section
 from fem_tfm.interpolation import transfer
@@ -65,10 +66,13 @@ def cold(section: Section) -> None:
 
 
 def _set_turbulence(section: Section) -> None:
-    """Estimate of the law for a gas without grains."""
+    """Estimates of the laws at the bulk velocity and Nikuradse's mixing length."""
     model = section.model
     speed = fem.Constant(section.mesh.mesh, section.setup.gas_velocity)
-    guess = model.closures.turbulence.estimate(speed, model.stretch()[0], model.domain.radius)
+    height, radius = model.stretch()[0], model.domain.radius
+    guess = model.closures.turbulence.estimate(speed, height, radius)
+    if section.setup.solids is not None:
+        guess |= model.closures.dispersed.estimate(speed, nikuradse(height, radius))
     for name, value in guess.items():
         space, dofs = section.space.sub(section.names.index(name)).collapse()
         found = fem.Function(space)

@@ -30,6 +30,7 @@ import ufl
 from ufl.core.expr import Expr
 
 from fem_tfm.closures.base import Closure
+from fem_tfm.closures.dispersed import GasEddies, Grains
 from fem_tfm.closures.granular import Kinetic, algebraic_theta
 from fem_tfm.closures.materials import Gas, Solids
 from fem_tfm.closures.turbulence import Balance, Eddies
@@ -48,6 +49,8 @@ class ClosureSet:
     turbulence: Closure
     gas_wall: Closure
     solids_wall: Closure
+    dispersed: Closure
+    dispersion: Closure
     theta: str = "transport"
     friction_feeds_theta: bool = False
 
@@ -97,7 +100,7 @@ class Numerics:
 class State:
     """Unknowns as UFL expressions; the gas alone has u_s = q = tau = None.
 
-    ln_k, ln_eps exist where the law of turbulence transports them.
+    ln_k, ln_eps of the gas and ln_k_s, ln_eps_s of the solids exist where a law transports them.
     """
 
     u_g: Expr
@@ -107,6 +110,8 @@ class State:
     tau: Expr | None = None
     ln_k: Expr | None = None
     ln_eps: Expr | None = None
+    ln_k_s: Expr | None = None
+    ln_eps_s: Expr | None = None
 
 
 @dataclass(frozen=True)
@@ -144,6 +149,7 @@ class Solid:
     rate: Expr
     strain: Expr
     dilation: Expr
+    mu_t: Expr | float = 0.0
 
     @property
     def pressure(self) -> Expr:
@@ -152,8 +158,8 @@ class Solid:
 
     @property
     def viscosity(self) -> Expr:
-        """mu_s = mu_kinetic + mu_f [Pa s]."""
-        return self.kinetic.shear_viscosity + self.mu_f
+        """mu_s = mu_kinetic + mu_f + mu_t [Pa s]."""
+        return self.kinetic.shear_viscosity + self.mu_f + self.mu_t
 
     def stress(self) -> Expr:
         """sigma_s = (-p_s + lambda_s D) I + 2 mu_s S [Pa]."""
@@ -229,9 +235,14 @@ class TwoFluid:
         )
         shear = ufl.inner(strain, strain)
         friction = self.closures.friction.stress(alpha, theta, shear, dilation, self.solids)
-        return Solid(
+        found = Solid(
             alpha, theta, g0, kinetic, friction.pressure, friction.viscosity, rate, strain, dilation
         )
+        if not self.closures.dispersed.needs_k:
+            return found
+        gas, grains = self.gas_eddies(state), self.grains(state, found)
+        nu_t = self.closures.dispersed.viscosity(gas, grains)
+        return replace(found, mu_t=alpha * self.solids.density * nu_t)
 
     def drag(self, state: State) -> Expr:
         """Drag coefficient beta [kg/m3/s] with the slip speed kept off zero."""
@@ -246,21 +257,53 @@ class TwoFluid:
 
     def eddies(self, state: State) -> Eddies:
         """What the gas's law of turbulence sees, in the coordinates of the stretched profile."""
-        rate = self.axis.jacobian(state.u_g)
-        strain, floor = deviatoric_strain(rate), self.numerics.shear_floor**2
-        shear = 2 * ufl.inner(strain, strain) + floor
-        height, slope = self.stretch()
+        return self._eddies(state.u_g, state.ln_k, state.ln_eps, *self.stretch())
+
+    def _eddies(
+        self, u: Expr, ln_k: Expr | None, ln_eps: Expr | None, height: Expr, slope: Expr
+    ) -> Eddies:
+        rate = self.axis.jacobian(u)
+        strain = deviatoric_strain(rate)
+        shear = 2 * ufl.inner(strain, strain) + self.numerics.shear_floor**2
         found = Eddies(ufl.sqrt(shear) / slope, height, self.gas, self.domain.radius)
-        if state.ln_k is None:
+        if ln_k is None:
             return found
         turn = (rate - rate.T) / 2
-        cube = ufl.inner(strain * strain, strain)
         return replace(
             found,
             spin=ufl.sqrt(shear / 2 + ufl.inner(turn, turn)) / slope,
-            skewness=math.sqrt(6) * cube / (shear / 2) ** 1.5,
-            k=ufl.exp(state.ln_k),
-            eps=ufl.exp(state.ln_eps),
+            skewness=math.sqrt(6) * ufl.inner(strain * strain, strain) / (shear / 2) ** 1.5,
+            k=ufl.exp(ln_k),
+            eps=ufl.exp(ln_eps),
+        )
+
+    def gas_eddies(self, state: State) -> GasEddies:
+        """Gas turbulence as the grains meet it."""
+        eddies = self.eddies(state)
+        nu_t = self.closures.turbulence.viscosity(eddies) / self.gas.density
+        return GasEddies(eddies.k, eddies.eps, nu_t, self.gas.density)
+
+    def grains(self, state: State, solid: Solid) -> Grains:
+        """What the laws of dispersed turbulence see of the solids."""
+        slip = state.u_g - state.u_s
+        speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
+        # grad(alpha)/alpha of the logit
+        crowding = (1 - solid.alpha / self.solids.packing_limit) * self.axis.gradient(state.q)
+        eddies = None
+        if state.ln_k_s is not None:
+            eddies = self._eddies(
+                state.u_s, state.ln_k_s, state.ln_eps_s, self.domain.wall_distance, 1.0
+            )
+        return Grains(
+            alpha=solid.alpha,
+            theta=solid.theta,
+            g0=solid.g0,
+            specific=self.closures.drag.specific(solid.alpha, speed, self.gas, self.solids),
+            slip=speed,
+            drift=-ufl.inner(slip, crowding),
+            solids=self.solids,
+            viscosity=solid.kinetic.shear_viscosity / (solid.alpha * self.solids.density),
+            eddies=eddies,
         )
 
     def gas_viscosity(self, state: State) -> Expr:
@@ -370,10 +413,13 @@ class TwoFluid:
 
             a rho (dX/dt + u.grad X) = div(a rho D grad X) + a rho D |grad X|^2 + a rho rate
         """
-        law, eddies = self.closures.turbulence, self.eddies(now)
+        law, eddies, gain = self.closures.turbulence, self.eddies(now), 0.0
         mass, slope = (1 - self.alpha(now)) * self.gas.density, self.stretch()[1]
+        if self.solids is not None and self.closures.dispersed.needs_k:
+            grains = self.grains(now, self.solid(now))
+            gain = self.closures.dispersed.gain(self.gas_eddies(now), grains)
         held, form = law.wall_values(eddies), ufl.Form([])
-        for name, balance in law.balances(eddies, 0.0).items():
+        for name, balance in law.balances(eddies, gain).items():
             x, x0, w = (getattr(state, name) for state in (now, old, test))
             form += self.logarithm(x, x0, w, now.u_g, mass, balance, slope, idt)
             if name in held:
@@ -381,6 +427,25 @@ class TwoFluid:
                 penalty = self.numerics.wall_penalty * stiff
                 form += penalty * (x - held[name]) * w * self.domain.ds_wall
         return form
+
+    def solids_turbulence(self, now: State, old: State, test: State, idt: Any) -> ufl.Form:
+        """Transport of the logarithms of the solids' turbulence, in the manner of the gas's."""
+        law, solid = self.closures.dispersed, self.solid(now)
+        mass, form = solid.alpha * self.solids.density, ufl.Form([])
+        balances = law.balances(self.gas_eddies(now), self.grains(now, solid))
+        for name, balance in balances.items():
+            x, x0, w = (getattr(state, name) for state in (now, old, test))
+            form += self.logarithm(x, x0, w, now.u_s, mass, balance, 1.0, idt)
+        return form
+
+    def dispersion(self, now: State, v: Expr) -> Expr:
+        """Turbulent dispersion tested with v, beta D (grad a/a - grad a_g/a_g).v, on the left."""
+        solid = self.solid(now)
+        grains = self.grains(now, solid)
+        spread = self.closures.dispersion.diffusivity(self.gas_eddies(now), grains)
+        crowding = (1 - solid.alpha / self.solids.packing_limit) * self.axis.gradient(now.q)
+        force = grains.specific * solid.alpha * spread / (1 - solid.alpha) * crowding
+        return ufl.inner(force, v) * self.domain.dx
 
     def logarithm(
         self,
@@ -411,11 +476,14 @@ class TwoFluid:
             form += self.gas_turbulence(now, old, test, idt)
         if self.solids is None:
             return form
+        if self.closures.dispersion.name != "none":
+            form += self.dispersion(now, test.u_s) - self.dispersion(now, test.u_g)
         return (
             form
             + self.solids_momentum(now, old, test.u_s, idt, drive)
             + self.solids_mass(now, old, test.q, idt, source)
             + self.granular_energy(now, old, test.tau, idt)
+            + self.solids_turbulence(now, old, test, idt)
         )
 
     # -- walls ---------------------------------------------------------------------------------
