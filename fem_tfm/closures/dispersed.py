@@ -58,12 +58,18 @@ class Grains:
 
 @dataclass(frozen=True)
 class GasEddies:
-    """Gas turbulence as the grains meet it: k [m2/s2], eps [m2/s3], nu_t [m2/s], density."""
+    """Gas turbulence as the grains meet it.
+
+    k, eps, nu : energy [m2/s2], dissipation [m2/s3], eddy viscosity [m2/s]
+    density : rho_g [kg/m3]
+    floor : energy that grains leave to the gas [m2/s2]
+    """
 
     k: Any
     eps: Any
     nu: Any
     density: Any
+    floor: Any = 0.0
 
 
 class Dispersed(Closure):
@@ -146,7 +152,7 @@ class Simonin(Dispersed):
         k_s  = k_g (b^2 + eta)/(1 + eta)
         k_gs = 2 [k_g (b + eta) + agitation eta Z q]/[1 + eta (1 + agitation Z)],  q = (3/2) Theta
         nu_s = [k_gs tau_t + k_s tau_F]/3 / (1 + tau_F sigma_c/(2 tau_c))
-        gain_g = [damping beta (k_gs - 2 k_g) + drift drift power]/(a_g rho_g k_g)
+        gain_g = [damping beta (k_gs - 2 k_g) (1 - floor/k_g) + drift drift power]/(a_g rho_g k_g)
         1/tau_c = 24 a g0 sqrt(Theta/pi)/d,  sigma_c = (1 + e)(3 - e)/5
 
     The grains take 2 beta k_g from the gas and give beta k_gs back. With agitation = 1 their own
@@ -194,6 +200,7 @@ class Simonin(Dispersed):
     def gain(self, gas: GasEddies, grains: Grains) -> Value:
         """Power given to k_g over a_g rho_g k_g [1/s]."""
         sink = self.damping * grains.specific * (self.covariance(gas, grains) - 2 * gas.k)
+        sink = sink * (1 - gas.floor / gas.k)
         drift = drift_power(gas, grains, self.viscosity(gas, grains), self.sigma)
         return _per_gas(sink + self.drift * drift, gas, grains)
 

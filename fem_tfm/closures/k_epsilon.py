@@ -16,7 +16,8 @@ Next to the wall, where Re_y = y sqrt(k)/nu is small, the length scale is that o
 
 b(Re_y) switches from 0 to 1 around Re_y = 200, y_n = l/0.4 with Nikuradse's mixing length l, which
 is y at the wall and keeps the eddies of a gas without turbulence of its own within the pipe, C_mu0 = 0.09. The
-equation of eps is pulled to the wall's value with a time of k/eps over `hold`.
+equation of eps is pulled to the wall's value with a time of l_eps/(hold sqrt(k)), and further out
+only where the eddies are e times as long: turbulence that grains destroy would else grow them.
 
 Symbols: S shear rate [1/s], nu = mu_g/rho_g [m2/s], y distance to the wall [m].
 """
@@ -29,7 +30,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from fem_tfm.closures.base import parameter, register
-from fem_tfm.closures.ops import Value, acos, cos, exp, ln, positive_part, sqrt, tanh
+from fem_tfm.closures.ops import Value, acos, cos, exp, ln, positive_part, softplus, sqrt, tanh
 from fem_tfm.closures.turbulence import Balance, Eddies, Turbulence, nikuradse
 
 C_MU = 0.09
@@ -37,6 +38,8 @@ C_MU = 0.09
 NEAR_WALL = 0.4
 # Re_y at which the wall's length scale gives way, and over which it does
 SWITCH, WIDTH = 200.0, 10.0
+# logarithm of the largest eddies over those of the wall's length scale
+LARGEST = 1.0
 # intensity of the cold start
 INTENSITY = 0.1
 # keeps the ratio of two exponentials finite on the wall itself
@@ -101,14 +104,19 @@ class TwoEquation(Turbulence):
         nu, nu_t = eddies.gas.viscosity / eddies.gas.density, self.kinematic(eddies)
         frequency = eddies.eps / eddies.k
         energy = nu_t * eddies.strain**2 / eddies.k - frequency + gain
-        pull = ln(self.wall_dissipation(eddies) / eddies.eps)
-        pull = (1 - self.outer(eddies)) * self.hold * frequency * pull
-        rate = self.growth(eddies) + self.C_3 * gain + pull
+        rate = self.growth(eddies) + self.C_3 * gain + self.pull(eddies)
         sigma_k, sigma_eps = self.prandtl
         return {
             "ln_k": Balance(nu + nu_t / sigma_k, energy),
             "ln_eps": Balance(nu + nu_t / sigma_eps, rate),
         }
+
+    def pull(self, eddies: Eddies) -> Value:
+        """Rate at which eps is drawn to the wall's value, and away from larger eddies [1/s]."""
+        wall, outer = self.wall_dissipation(eddies), self.outer(eddies)
+        excess = ln(wall / eddies.eps)
+        excess = (1 - outer) * excess + outer * softplus(excess - LARGEST, LARGEST / 10)
+        return self.hold * wall / eddies.k * excess
 
     def wall_values(self, eddies: Eddies) -> dict[str, Value]:
         """ln eps by the wall's length scale; k has no flux into the wall."""

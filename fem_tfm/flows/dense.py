@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 COARSEST = 0.25
 # regularisations in units of U_g and D; their effect on the pressure gradient is in docs/dense.md
 ALPHA_DIFFUSION, SLIP_FLOOR, SHEAR_FLOOR, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 1e-4, 1e-3, 0.1, 1e-8
-WALL_PENALTY, SMOOTHING = 200.0, 0.05
+WALL_PENALTY, SMOOTHING, K_FLOOR = 200.0, 0.05, 2.5e-4
 # a state that breaks a balance by more is no answer
 BALANCE_ERROR = 1e-6
 
@@ -54,6 +54,7 @@ def setup_of(case: Case) -> Setup:
         alpha_diffusion=ALPHA_DIFFUSION * speed * width if diffusion is None else diffusion,
         theta_floor=given.theta_floor,
         slip_floor=SLIP_FLOOR * speed,
+        k_floor=K_FLOOR * speed**2,
         shear_floor=SHEAR_FLOOR * speed / width,
         wall_penalty=WALL_PENALTY,
         wall_speed=WALL_SPEED * speed,

@@ -34,7 +34,7 @@ from fem_tfm.closures.dispersed import GasEddies, Grains
 from fem_tfm.closures.granular import Kinetic, algebraic_theta
 from fem_tfm.closures.materials import Gas, Solids
 from fem_tfm.closures.turbulence import Balance, Eddies
-from fem_tfm.closures.walls import WallState
+from fem_tfm.closures.walls import GasWallState, WallState
 from fem_tfm.models.axis import Axis
 
 
@@ -71,6 +71,7 @@ class Numerics:
         D = alpha_diffusion/(alpha_s (1 - alpha_s/alpha_max)) that keeps voids bounded
     theta_floor : granular temperature that the gas keeps up in an unsheared plug [m2/s2]
     slip_floor : added in quadrature to the slip speed in the drag [m/s]
+    k_floor : turbulent energy that grains leave to the gas [m2/s2]
     shear_floor : added in quadrature to the gas shear rate in the eddy viscosity [1/s]
     wall_penalty : factor of the weak condition u.n = 0 [-]
     wall_speed : speed of the inertial share of that condition [m/s]
@@ -84,6 +85,7 @@ class Numerics:
     alpha_diffusion: Any
     theta_floor: Any
     slip_floor: Any
+    k_floor: Any
     shear_floor: Any
     wall_penalty: Any
     wall_speed: Any
@@ -281,7 +283,7 @@ class TwoFluid:
         """Gas turbulence as the grains meet it."""
         eddies = self.eddies(state)
         nu_t = self.closures.turbulence.viscosity(eddies) / self.gas.density
-        return GasEddies(eddies.k, eddies.eps, nu_t, self.gas.density)
+        return GasEddies(eddies.k, eddies.eps, nu_t, self.gas.density, self.numerics.k_floor)
 
     def grains(self, state: State, solid: Solid) -> Grains:
         """What the laws of dispersed turbulence see of the solids."""
@@ -511,7 +513,8 @@ class TwoFluid:
         speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
         law = self.closures.gas_wall
         height = law.height(self.domain.wall_offset, self.domain.diameter)
-        return law.friction(speed, height, self.gas) * slip
+        k = None if state.ln_k is None else ufl.exp(state.ln_k)
+        return law.coefficient(GasWallState(speed, height, self.gas, k)) * slip
 
     def wall_terms(
         self, u: Expr, v: Expr, traction: Expr, stress: Expr, viscosity: Expr, density: Expr
