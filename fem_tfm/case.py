@@ -53,7 +53,10 @@ QUANTITIES = {
     "slip_velocity": "m/s",
 }
 
-FIELDS = ("alpha_s", "u_s", "u_g", "theta", "pressure")
+FIELDS = ("alpha_s", "u_s", "u_g", "theta", "pressure", "k", "eps", "k_s", "eps_s")
+
+# names that stand for laws of two families
+FOUR_EQUATION = "realizable-4eq"
 
 FEEDS = ("solids_fraction", "solids_superficial_velocity", "solids_mass_flow")
 
@@ -241,6 +244,14 @@ class Closures(Table):
     dispersion: Any = _key("none", "", "turbulent dispersion of the solids")
     friction_feeds_theta: bool = _key(False, "", "frictional work becomes granular temperature")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _four_equations(cls, values: Any) -> Any:
+        """turbulence = "realizable-4eq" stands for two equations in each phase."""
+        if isinstance(values, Mapping) and values.get("turbulence") == FOUR_EQUATION:
+            return {"dispersed": "k-epsilon", **values, "turbulence": "realizable"}
+        return values
+
     @field_validator(*LAWS, mode="before")
     @classmethod
     def _law(cls, spec: Any, info: ValidationInfo) -> Closure:
@@ -358,6 +369,25 @@ class Case(Table):
         if fraction is not None and fraction >= limit:
             allowed = f"a number below solids.packing_limit = {limit}"
             raise InputError("operation.solids_fraction", fraction, allowed)
+        return self
+
+    @model_validator(mode="after")
+    def _turbulence_fits(self) -> Self:
+        """Laws that use k have one that transports it, and that one a wall law."""
+        laws, walls = self.closures, self.walls
+        using = {
+            "closures.dispersed": laws.dispersed,
+            "closures.dispersion": laws.dispersion,
+            "walls.gas": walls.gas,
+        }
+        if not laws.turbulence.transported:
+            for key, law in using.items():
+                if law.needs_k:
+                    allowed = "a law without k, or closures.turbulence = 'realizable' beside it"
+                    raise InputError(key, law.name, allowed)
+        elif walls.gas.strong:
+            allowed = f"'log-law' or 'log-law-k' with closures.turbulence = {laws.turbulence.name!r}"
+            raise InputError("walls.gas", walls.gas.name, allowed)
         return self
 
     @model_validator(mode="after")

@@ -20,7 +20,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fem_tfm.case import Case
-from fem_tfm.closures import names
+from fem_tfm.closures import make, names
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import dense, developed
 from fem_tfm.flows.section import Section
@@ -44,8 +44,15 @@ FAMILIES = {
     "closures.granular": "granular",
     "closures.friction": "friction",
     "closures.turbulence": "turbulence",
+    "closures.dispersed": "dispersed",
+    "closures.dispersion": "dispersion",
     "walls.gas": "gas-wall",
     "walls.solids": "solids-wall",
+}
+WITHOUT_K = {
+    "closures.dispersed": "none",
+    "closures.dispersion": "burns",
+    "walls.gas": "log-law",
 }
 ALGEBRAIC_SHARE = FEEDING_SHARE = 0.25
 # these laws hold the grains at their friction_limit, which is the packed fraction
@@ -104,6 +111,8 @@ def law_sets(number: int = SETS, seed: int = SEED) -> list[dict[str, Any]]:
     algebraic = rng.permutation(number) < ALGEBRAIC_SHARE * number
     feeding = rng.permutation(number) < FEEDING_SHARE * number
     sets = [{key: column[i] for key, column in columns.items()} for i in range(number)]
+    for laws in sets:
+        _fit_turbulence(laws)
     for laws, local, feeds in zip(sets, algebraic, feeding, strict=True):
         laws["closures.theta"] = "algebraic" if local else "transport"
         laws["closures.friction_feeds_theta"] = bool(feeds)
@@ -121,6 +130,16 @@ def _part_unbounded(radial: list[str], friction: list[str]) -> None:
             free = (k for k, other in enumerate(friction) if other != "none")
             j = next(k for k in free if radial[k] != bounded)
             radial[i], radial[j] = radial[j], radial[i]
+
+
+def _fit_turbulence(laws: dict[str, Any]) -> None:
+    """Without k, laws that do not use it; with k, a wall law."""
+    transported = make("turbulence", laws["closures.turbulence"]).transported
+    for key, other in WITHOUT_K.items():
+        if not transported and make(FAMILIES[key], laws[key]).needs_k:
+            laws[key] = other
+    if transported and make("gas-wall", laws["walls.gas"]).strong:
+        laws["walls.gas"] = "log-law"
 
 
 def _numbers(rng: np.random.Generator) -> dict[str, float]:

@@ -216,8 +216,14 @@ def skipped(case: Case) -> list[str]:
             left_out.append("transport of granular temperature: closures.theta = algebraic")
         if laws.friction.name == "none":
             left_out.append("frictional stress: closures.friction = none")
+        if laws.dispersed.name == "none":
+            left_out.append("turbulence of the solids: closures.dispersed = none")
+        if laws.dispersion.name == "none":
+            left_out.append("turbulent dispersion of the solids: closures.dispersion = none")
     if laws.turbulence.name == "laminar":
         left_out.append("gas turbulence: closures.turbulence = laminar")
+    elif not laws.turbulence.transported:
+        left_out.append(f"transport of k and eps: closures.turbulence = {laws.turbulence.name}")
     return left_out
 
 
@@ -563,6 +569,10 @@ PROFILE_UNITS = {
     "u_g": "m/s",
     "Theta": "m2/s2",
     "pressure": "Pa",
+    "k": "m2/s2",
+    "eps": "m2/s3",
+    "k_s": "m2/s2",
+    "eps_s": "m2/s3",
 }
 
 
@@ -571,10 +581,14 @@ def describe(case: Case) -> dict[str, Any]:
     sizes = mesh_sizes(case)
     mesh = section(geometry_of(case), size=sizes[-1], **_resolution(case))
     cells = mesh.num_cells
-    unknowns = round(cells * (UNKNOWNS_PER_CELL if case.solids else GAS_UNKNOWNS_PER_CELL))
     laws = case.closures
+    scales = len(laws.turbulence.transported)
+    scales += len(laws.dispersed.transported) if case.solids else 0
+    unknowns = UNKNOWNS_PER_CELL if case.solids else GAS_UNKNOWNS_PER_CELL
+    unknowns = round(cells * (unknowns + scales * UNKNOWNS_PER_SCALE))
     chosen = [laws.drag, laws.radial, laws.granular, laws.friction] if case.solids else []
-    chosen += [laws.turbulence, case.walls.gas] + ([case.walls.solids] if case.solids else [])
+    chosen += [laws.turbulence, case.walls.gas]
+    chosen += [laws.dispersed, laws.dispersion, case.walls.solids] if case.solids else []
     return {
         "title": case.title or "untitled",
         "solved": "developed section by the two-fluid model: steady, d/dz = 0",
@@ -592,7 +606,7 @@ def describe(case: Case) -> dict[str, Any]:
 
 
 # measured on the demo: unknowns of P2/P1 triangles, memory and CPU time of a cold run
-UNKNOWNS_PER_CELL, GAS_UNKNOWNS_PER_CELL = 17.5, 6.8
+UNKNOWNS_PER_CELL, GAS_UNKNOWNS_PER_CELL, UNKNOWNS_PER_SCALE = 17.5, 6.8, 2.1
 BASE_MEMORY, MEMORY_PER_UNKNOWN, TIME_PER_UNKNOWN, COMPILE_TIME = 170, 0.012, 2.5e-4, 15
 
 

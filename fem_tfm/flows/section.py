@@ -81,6 +81,8 @@ def _structure(law: Any) -> Any:
 
 
 NAMES = ("u_g", "p", "u_s", "q", "tau")
+# logarithms of the turbulence and the fields they become
+SCALES = {"ln_k": "k", "ln_eps": "eps", "ln_k_s": "k_s", "ln_eps_s": "eps_s"}
 
 
 def _element(mesh: Any, names: tuple[str, ...]) -> Any:
@@ -289,13 +291,20 @@ class Section:
         self.now.x.scatter_forward()
 
     def fields(self) -> dict[str, fem.Function]:
-        """Fields for output: alpha_s, u_s, u_g, theta, pressure (in the section) at their nodes."""
+        """Fields for output at their nodes.
+
+        alpha_s, u_s, u_g, theta, pressure (in the section), and k, eps, k_s, eps_s where they are
+        transported.
+        """
         fields = {"u_g": self.unknown("u_g"), "pressure": self.unknown("p")}
         if self.setup.solids is not None:
             alpha, theta = self.unknown("q"), self.unknown("tau")
             alpha.x.array[:] = self.setup.solids.packing_limit / (1 + np.exp(-alpha.x.array))
             theta.x.array[:] = np.exp(theta.x.array)
             fields = {"alpha_s": alpha, "u_s": self.unknown("u_s"), **fields, "theta": theta}
+        for scale in (name for name in self.names if name in SCALES):
+            fields[SCALES[scale]] = found = self.unknown(scale)
+            found.x.array[:] = np.exp(found.x.array)
         for name, function in fields.items():
             function.name = name
         return fields
