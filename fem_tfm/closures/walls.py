@@ -39,7 +39,7 @@ from fem_tfm.closures.ops import (
 # width of the strip of the log law over y_p, and the flux it adds to a pipe
 STRIP, STRIP_FLUX = 3.0, 5.0
 # the same with the fall of the stress over y_p, for a law by the turbulent energy
-ENERGY_FLUX = 14.0
+ENERGY_FLUX = 16.0
 _TINY_THETA = 1e-12
 _TINY_RATIO = 1e-12
 
@@ -349,7 +349,7 @@ class EnergyLogLaw(LogLaw):
 
     Gas whose turbulence the grains destroy rubs the wall as a laminar layer of thickness y does;
     in a gas alone it is the logarithmic law, for k = u_tau^2/sqrt(C_mu) in equilibrium. y is
-    y_p/(1 + 14 y_p/D): beside the flux of the strip it makes up for k, which carries the stress at
+    y_p/(1 + 16 y_p/D): beside the flux of the strip it makes up for k, which carries the stress at
     y_p and not the wall's, 2 y_p/D higher.
 
     Validity: attached flow along smooth walls, y+ > 30 in a gas alone.
@@ -368,7 +368,7 @@ class EnergyLogLaw(LogLaw):
         return state.gas.viscosity / state.distance * (1 + ratio**self.n) ** (1 / self.n)
 
     def height(self, offset: Value, diameter: Value) -> Value:
-        """y = y_p/(1 + 14 y_p/D) [m]."""
+        """y = y_p/(1 + 16 y_p/D) [m]."""
         return offset / (1 + ENERGY_FLUX * offset / diameter)
 
 

@@ -479,7 +479,7 @@ class TwoFluid:
         if self.solids is None:
             return form
         if self.closures.dispersion.name != "none":
-            form += self.dispersion(now, test.u_s) - self.dispersion(now, test.u_g)
+            form += self.dispersion(now, test.u_s - test.u_g)
         return (
             form
             + self.solids_momentum(now, old, test.u_s, idt, drive)
