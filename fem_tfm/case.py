@@ -386,7 +386,9 @@ class Case(Table):
                     allowed = "a law without k, or closures.turbulence = 'realizable' beside it"
                     raise InputError(key, law.name, allowed)
         elif walls.gas.strong:
-            allowed = f"'log-law' or 'log-law-k' with closures.turbulence = {laws.turbulence.name!r}"
+            allowed = (
+                f"'log-law' or 'log-law-k' with closures.turbulence = {laws.turbulence.name!r}"
+            )
             raise InputError("walls.gas", walls.gas.name, allowed)
         return self
 

@@ -14,10 +14,11 @@ Next to the wall, where Re_y = y sqrt(k)/nu is small, the length scale is that o
     eps = k^1.5/l_eps,  l_eps = C_l y_n [1 - exp(-Re_y/(2 C_l))],  C_l = kappa C_mu0^-0.75
     f   = b C_mu + (1 - b) C_mu0 [1 - exp(-Re_y/A)]/[1 - exp(-Re_y/(2 C_l))]
 
-b(Re_y) switches from 0 to 1 around Re_y = 200, y_n = l/0.4 with Nikuradse's mixing length l, which
-is y at the wall and keeps the eddies of a gas without turbulence of its own within the pipe, C_mu0 = 0.09. The
-equation of eps is pulled to the wall's value with a time of l_eps/(hold sqrt(k)), and further out
-only where the eddies are e times as long: turbulence that grains destroy would else grow them.
+with C_mu0 = 0.09. b(Re_y) switches from 0 to 1 around Re_y = 200; y_n = l/0.4 with Nikuradse's
+mixing length l, which is y at the wall and keeps the eddies of a gas without turbulence of its own
+within the pipe. The equation of eps is pulled to the wall's value with a time of
+l_eps/(hold sqrt(k)), and further out only where the eddies are e times as long: turbulence that
+grains destroy would else grow them.
 
 Symbols: S shear rate [1/s], nu = mu_g/rho_g [m2/s], y distance to the wall [m].
 """

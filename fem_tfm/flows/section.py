@@ -2,8 +2,8 @@
 """The developed section on one mesh: spaces, forms, constraints and the solver that carries them.
 
 Unknowns on triangles (quadrilaterals likewise): u_g and u_s P2 with three components, p P1,
-logit(alpha_s), ln Theta and the logarithms that a law of turbulence transports P2. alpha_s lives in the space of the velocity components, so that
-momentum closes.
+logit(alpha_s), ln Theta and the logarithms that a law of turbulence transports P2. alpha_s lives in
+the space of the velocity components, so that momentum closes.
 """
 
 from __future__ import annotations

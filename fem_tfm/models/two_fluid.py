@@ -411,9 +411,13 @@ class TwoFluid:
         return form - heat * w * self.domain.ds_wall
 
     def gas_turbulence(self, now: State, old: State, test: State, idt: Any) -> ufl.Form:
-        """Transport of the logarithms of the gas's turbulence, each balance over its scale::
+        """Transport of the logarithms of the gas's turbulence, each balance over its scale X.
 
-            a rho (dX/dt + u.grad X) = div(a rho D grad X) + a rho D |grad X|^2 + a rho rate
+        ::
+
+            a rho (dx/dt + u.grad x) = div(a rho D grad x) + a rho D |grad x|^2 + a rho rate
+
+        with x = ln X.
         """
         law, eddies, gain = self.closures.turbulence, self.eddies(now), 0.0
         mass, slope = (1 - self.alpha(now)) * self.gas.density, self.stretch()[1]

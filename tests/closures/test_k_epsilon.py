@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Two-equation laws: the equilibrium of the log layer, the layer at the wall, the largest eddies."""
+"""Two-equation laws: equilibrium of the log layer, the layer at the wall, the largest eddies."""
 
 import math
 from dataclasses import replace
