@@ -270,6 +270,9 @@ class Walls(Table):
     distance: float | None = _key(
         None, "m", "distance of the wall law, default 1 % of the hydraulic diameter", gt=0, le=10
     )
+    grain_gap: float = _key(
+        0.0, "", "height over which the drag fades to the wall, in grain diameters", ge=0, le=10
+    )
 
     @field_validator("gas", "solids", mode="before")
     @classmethod

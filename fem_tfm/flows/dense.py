@@ -54,6 +54,7 @@ def setup_of(case: Case) -> Setup:
         alpha_diffusion=ALPHA_DIFFUSION * speed * width if diffusion is None else diffusion,
         theta_floor=given.theta_floor,
         slip_floor=SLIP_FLOOR * speed,
+        grain_gap=case.walls.grain_gap * (case.solids.diameter if case.solids else 0.0),
         k_floor=K_FLOOR * speed**2,
         shear_floor=SHEAR_FLOOR * speed / width,
         wall_penalty=WALL_PENALTY,

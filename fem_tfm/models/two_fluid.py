@@ -71,6 +71,7 @@ class Numerics:
         D = alpha_diffusion/(alpha_s (1 - alpha_s/alpha_max)) that keeps voids bounded
     theta_floor : granular temperature that the gas keeps up in an unsheared plug [m2/s2]
     slip_floor : added in quadrature to the slip speed in the drag [m/s]
+    grain_gap : height over which the drag fades to the wall [m], 0 for none
     k_floor : turbulent energy that grains leave to the gas [m2/s2]
     shear_floor : added in quadrature to the gas shear rate in the eddy viscosity [1/s]
     wall_penalty : factor of the weak condition u.n = 0 [-]
@@ -85,6 +86,7 @@ class Numerics:
     alpha_diffusion: Any
     theta_floor: Any
     slip_floor: Any
+    grain_gap: Any
     k_floor: Any
     shear_floor: Any
     wall_penalty: Any
@@ -247,10 +249,19 @@ class TwoFluid:
         return replace(found, mu_t=alpha * self.solids.density * nu_t)
 
     def drag(self, state: State) -> Expr:
-        """Drag coefficient beta [kg/m3/s] with the slip speed kept off zero."""
-        slip = state.u_g - state.u_s
+        """Drag coefficient beta [kg/m3/s] with the slip speed kept off zero.
+
+        It fades as y'^2/(y'^2 + gap^2) next to the wall, which the grains' centres cannot reach.
+        """
+        return self.alpha(state) * self.specific_drag(state)
+
+    def specific_drag(self, state: State) -> Expr:
+        """beta/alpha_s [kg/m3/s]."""
+        slip, height = state.u_g - state.u_s, self.stretch()[0] ** 2
         speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
-        return self.closures.drag.beta(self.alpha(state), speed, self.gas, self.solids)
+        share = height / (height + self.numerics.grain_gap**2)
+        alpha = self.alpha(state)
+        return share * self.closures.drag.specific(alpha, speed, self.gas, self.solids)
 
     def stretch(self) -> tuple[Expr, Expr]:
         """Height y' of the gas profile that a point carries [m], and dy'/dy."""
@@ -300,7 +311,7 @@ class TwoFluid:
             alpha=solid.alpha,
             theta=solid.theta,
             g0=solid.g0,
-            specific=self.closures.drag.specific(solid.alpha, speed, self.gas, self.solids),
+            specific=self.specific_drag(state),
             slip=speed,
             drift=-ufl.inner(slip, crowding),
             solids=self.solids,

@@ -225,13 +225,14 @@ def unseen(found: Section) -> set[str]:
 
 # lag and smoothing are those of an algebraic Theta; that has no flux through walls, hence no
 # restitution there, and a laminar gas held by the wall knows neither eddies nor their length;
-# grains that take no turbulence leave none
+# grains that take no turbulence leave none, and no gap is asked for
+OFF = {"numerics.k_floor", "numerics.grain_gap"}
 INERT = {
-    "default": {"numerics.relaxation", "numerics.smoothing", "numerics.k_floor"},
+    "default": {"numerics.relaxation", "numerics.smoothing", *OFF},
     "other": {
         "domain.radius",
         "domain.wall_offset",
-        "numerics.k_floor",
+        *OFF,
         "numerics.shear_floor",
         "solids_wall.restitution",
     },
