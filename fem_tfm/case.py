@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from fem_tfm.output.result import Result
 
 FLOWS = {"dense": "fem_tfm.flows.dense"}
+# flows whose development along the axis has a module of its own
+DEVELOPING = {"dense": "fem_tfm.flows.developing"}
 
 QUANTITIES = {
     "pressure_gradient": "Pa/m",
@@ -51,6 +53,9 @@ QUANTITIES = {
     "max_solids_fraction": "-",
     "bed_fraction": "-",
     "slip_velocity": "m/s",
+    "bed_height": "m",
+    "entrance_pressure_drop": "Pa",
+    "development_length": "m",
 }
 
 FIELDS = ("alpha_s", "u_s", "u_g", "theta", "pressure", "k", "eps", "k_s", "eps_s")
@@ -219,6 +224,21 @@ class Operation(Table):
         return self
 
 
+class Inlet(Table):
+    """How the flow enters a line whose development is solved."""
+
+    profile: Literal["power-law", "uniform"] = _key(
+        "power-law", "", "velocities of both phases at the inlet, power 1/7 or uniform"
+    )
+    solids_intensity: float = _key(
+        0.05, "", "agitation and turbulence of the solids over their mean velocity", gt=0, le=1
+    )
+    gas_intensity: float = _key(0.1, "", "turbulence of the gas over its mean velocity", gt=0, le=1)
+    length_scale: float = _key(
+        0.07, "", "length of the eddies over the hydraulic diameter", gt=0, le=1
+    )
+
+
 KINDS = {
     bool: "true or false",
     int: "a whole number",
@@ -306,6 +326,12 @@ class Numerics(Table):
     )
     theta_floor: float = _key(1e-8, "m2/s2", "smallest granular temperature", ge=0, le=1)
     quadrature_degree: int = _key(5, "", "degree of the quadrature", ge=1, le=20)
+    axial_step: float | None = _key(
+        None, "m", "largest step along a developing flow, default 1/60 of its length", gt=0, le=1e5
+    )
+    axial_accuracy: float = _key(
+        0.03, "", "how far a station may lie off the line through the two before it", gt=0, le=1
+    )
 
 
 class Output(Table):
@@ -316,6 +342,7 @@ class Output(Table):
     )
     pictures: bool = _key(True, "", "write pictures")
     xdmf: bool = _key(True, "", "write fields.xdmf")
+    stations: int = _key(24, "", "sections of a developing flow in fields.xdmf", ge=1, le=10000)
 
 
 class Reference(Table):
@@ -335,7 +362,9 @@ class Case(Table):
 
     title: str = _key("", "", "one line about the case")
     flow: Literal[tuple(FLOWS)] = _key("dense", "", "kind of flow")
-    solution: Literal["auto", "developed"] = _key("auto", "", "how the axis is treated")
+    solution: Literal["auto", "developed", "developing"] = _key(
+        "auto", "", "how the axis is treated; auto is developed"
+    )
     inferred: Annotated[tuple[str, ...], Field(strict=False)] = _key(
         (), "", "inputs that the source does not print"
     )
@@ -343,6 +372,7 @@ class Case(Table):
     gas: Gas = _key(..., "", "gas")
     solids: Solids | None = _key(None, "", "particles; without the table the gas flows alone")
     operation: Operation = _key(..., "", "fluxes, hold-up, gravity")
+    inlet: Inlet = Field(default_factory=Inlet, description="what enters a developing flow")
     closures: Closures = Field(default_factory=Closures, description="laws of the model")
     walls: Walls = Field(default_factory=Walls, description="laws at the wall")
     numerics: Numerics = Field(default_factory=Numerics, description="mesh and solver")
@@ -393,6 +423,14 @@ class Case(Table):
                 f"'log-law' or 'log-law-k' with closures.turbulence = {laws.turbulence.name!r}"
             )
             raise InputError("walls.gas", walls.gas.name, allowed)
+        return self
+
+    @model_validator(mode="after")
+    def _inlet_is_known(self) -> Self:
+        """A developing flow starts from what enters, which a hold-up alone does not tell."""
+        if self.solution == "developing" and self.solids is not None:
+            # raises where the feed does not tell it
+            _ = self.solids_inlet
         return self
 
     @model_validator(mode="after")
@@ -470,6 +508,31 @@ class Case(Table):
         if feed.solids_velocity is not None:
             return "flux", feed.solids_fraction * feed.solids_velocity
         return "holdup", feed.solids_fraction
+
+    @property
+    def solids_inlet(self) -> tuple[float, float]:
+        """alpha_s [-] and mean velocity u_s [m/s] of the solids that enter a developing flow.
+
+        As given, or u_s from the correlation of the feeder and alpha_s = j_s/u_s. Raises
+        `InputError` where the feed does not tell them.
+        """
+        from fem_tfm.feed import feed_velocity
+
+        feed = self.operation
+        if feed.solids_fraction is not None:
+            if feed.solids_velocity is None:
+                allowed = "the velocity at which the solids enter, beside solids_fraction"
+                raise InputError("operation.solids_velocity", None, allowed)
+            return feed.solids_fraction, feed.solids_velocity
+        flux, width = self.solids_feed[1], self.geometry.hydraulic_diameter
+        key = next(name for name in FEEDS if getattr(feed, name) is not None)
+        speed = feed_velocity(
+            feed.gas_superficial_velocity, width, self.gas_material, self.solids_material
+        )
+        if speed <= 0 or flux / speed >= self.solids.packing_limit:
+            allowed = "solids_fraction with solids_velocity, for the feeder's correlation fails"
+            raise InputError(f"operation.{key}", getattr(feed, key), allowed)
+        return flux / speed, speed
 
     @property
     def gravity_vector(self) -> tuple[float, float, float]:

@@ -140,6 +140,24 @@ def mesh(options: argparse.Namespace) -> None:
     _say(f"mesh written to {options.out}")
 
 
+def report(options: argparse.Namespace) -> None:
+    """Write report.html, one page with the answer, the pictures and the case of a run.
+
+    It works on a run that is still at work, and on one that failed.
+    """
+    from fem_tfm.output.report import FILE, write_report
+
+    failure: InputError | None = None
+    if MPI.COMM_WORLD.rank == 0:
+        try:
+            write_report(options.directory)
+        except InputError as error:
+            failure = error
+    if failure := MPI.COMM_WORLD.bcast(failure):
+        raise failure
+    _say(f"report written to {Path(options.directory) / FILE}")
+
+
 def sweep(options: argparse.Namespace) -> int:
     """Solve a case for every combination of the varied values; one table and one plot.
 
@@ -251,6 +269,9 @@ def _parser() -> argparse.ArgumentParser:
     _case_options(grid)
     grid.add_argument("--out", metavar="FILE", required=True, help="a .msh, .xdmf or .vtu file")
     grid.add_argument("--overwrite", action="store_true", help="replace the file if it is there")
+
+    told = _verb(verbs, report)
+    told.add_argument("directory", metavar="DIR", help="the results directory of a run")
 
     laws = _verb(verbs, models)
     laws.add_argument("family", metavar="FAMILY", nargs="?", help="drag, friction, ... [all]")

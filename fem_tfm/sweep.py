@@ -27,7 +27,7 @@ from mpi4py import MPI
 
 from fem_tfm.case import QUANTITIES, Case, known_keys
 from fem_tfm.errors import InputError, SolverError
-from fem_tfm.flows import dense, developed
+from fem_tfm.flows import dense, developed, developing
 from fem_tfm.flows.section import Section
 from fem_tfm.mesh import geometry_of, resolution_of
 from fem_tfm.output.files import on_root, write_text
@@ -163,6 +163,9 @@ class _Solver(developed.Observer):
 
     def solve(self, case: Case, point: Point) -> None:
         """Solve a case into its point; SolverError if there is no answer."""
+        if case.solution == "developing":
+            self._march(case, point)
+            return
         setup, limits = dense.setup_of(case), (case.numerics.tolerance, case.numerics.max_steps)
         fits = self.solution is not None and self.meshes == mesh_key(case)
         held, self.solution = self.solution, None
@@ -181,6 +184,13 @@ class _Solver(developed.Observer):
             finally:
                 point.factorisations += sum(s.newton.factorisations for s in self.begun)
         self._read(case, point)
+
+    def _march(self, case: Case, point: Point) -> None:
+        line = developing.solve(case, developing.QUIET)
+        point.factorisations += line.station.newton.factorisations
+        point.quantities = line.quantities()
+        point.errors = dict.fromkeys(point.quantities)
+        line.station.newton.destroy()
 
     def _read(self, case: Case, point: Point) -> None:
         dense.checked_balances(self.solution.section)

@@ -555,3 +555,51 @@ def test_two_changed_feeds_contradict_each_other(root: Path) -> None:
     changes = ["operation.solids_mass_flow=0.2", "operation.solids_fraction=0.2"]
     with pytest.raises(InputError, match="exactly one of"):
         Case.load(path, changes)
+
+
+# -- developing flow ---------------------------------------------------------------------------
+
+
+def entering(dense: dict[str, Any], **operation: Any) -> Case:
+    """A developing case with another feed."""
+    given = {"gas_superficial_velocity": 6.43, **operation}
+    return Case.from_dict(dense | {"solution": "developing", "operation": given})
+
+
+def test_what_enters_is_given_or_follows_from_the_feeder(dense: dict[str, Any]) -> None:
+    """Table 1, case 3 of the paper: alpha_s = 0.245 and u_s = 6.09 m/s, or the flux of M_s."""
+    given = entering(dense, solids_fraction=0.245, solids_velocity=6.09)
+    assert given.solids_inlet == (0.245, 6.09)
+    found = entering(dense, solids_mass_flow=0.194)
+    alpha, speed = found.solids_inlet
+    assert alpha * speed == pytest.approx(found.solids_feed[1], rel=1e-12)
+    assert speed == pytest.approx(6.09, rel=0.02)
+    assert alpha == pytest.approx(0.245, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("solids", "operation", "message"),
+    [
+        ({}, {"solids_fraction": 0.2}, "operation.solids_velocity is not given: expected the velo"),
+        ({"diameter": 8e-3}, {"solids_mass_flow": 0.1}, "operation.solids_mass_flow = 0.1 is ref"),
+        ({}, {"solids_superficial_velocity": 4.0}, "expected solids_fraction with solids_velocity"),
+    ],
+)
+def test_an_inlet_that_is_not_known_is_refused(
+    dense: dict[str, Any], solids: dict, operation: dict, message: str
+) -> None:
+    """A hold-up alone, grains beyond the feeder's correlation, more than packs."""
+    dense["solids"] |= solids
+    with pytest.raises(InputError) as refused:
+        entering(dense, **operation)
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_hold_up_alone_does_for_the_developed_section(dense: dict[str, Any]) -> None:
+    assert Case.from_dict(dense).solids_feed == ("holdup", 0.245)
+
+
+def test_gas_alone_may_develop(dense: dict[str, Any]) -> None:
+    del dense["solids"]
+    assert entering(dense).solids_feed is None

@@ -98,6 +98,19 @@ def test_another_mesh_starts_cold(dense: dict[str, Any]) -> None:
     assert [p.start for p in sweep.solve(case, points)] == ["cold", "cold"]
 
 
+def test_lines_are_swept_too(dense: dict[str, Any]) -> None:
+    """Every point of a developing flow starts at its inlet."""
+    dense["operation"]["solids_velocity"] = 6.09
+    dense["geometry"]["length"] = 1e-3
+    case = coarse(dense).with_values({"solution": "developing"})
+    points = [sweep.Point(i, {SPEED: speed}) for i, speed in enumerate((6.43, 6.8))]
+    found = list(sweep.solve(case, points))
+    assert [(p.status, p.start) for p in found] == [("converged", "cold")] * 2
+    drops = [p.quantities["pressure_drop"] for p in found]
+    assert 0 < drops[0] < drops[1]
+    assert all(p.factorisations > 5 for p in found)
+
+
 def test_a_section_refuses_other_laws(dense: dict[str, Any]) -> None:
     case = Case.from_dict(dense)
     given = _setup(case)

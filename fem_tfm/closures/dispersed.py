@@ -23,13 +23,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from fem_tfm.closures.base import Closure, parameter, register
-from fem_tfm.closures.k_epsilon import C_MU, INTENSITY, realizable_c_mu, realizable_growth
+from fem_tfm.closures.k_epsilon import realizable_c_mu, realizable_growth, scales
 from fem_tfm.closures.materials import Solids
-from fem_tfm.closures.ops import Value, ln, sqrt
+from fem_tfm.closures.ops import Value, sqrt
 from fem_tfm.closures.turbulence import Balance, Eddies
-
-# intensity of the solids over that of the gas at the start
-START = 0.5
 
 
 @dataclass(frozen=True)
@@ -94,8 +91,8 @@ class Dispersed(Closure):
         """Transport of each logarithm."""
         return {}
 
-    def estimate(self, speed: Value, length: Value) -> dict[str, Value]:
-        """Logarithms to start from at a bulk speed [m/s] and an eddy length [m]."""
+    def estimate(self, speed: Value, intensity: Value, length: Value) -> dict[str, Value]:
+        """Logarithms at an intensity of the mean speed [m/s] and a length of the eddies [m]."""
         return {}
 
 
@@ -268,7 +265,6 @@ class DispersedKEpsilon(Dispersed):
             "ln_eps_s": Balance(grains.viscosity + nu_t / self.sigma_eps, rate),
         }
 
-    def estimate(self, speed: Value, length: Value) -> dict[str, Value]:
-        """Half the intensity of the gas, with its length."""
-        k = 1.5 * (START * INTENSITY * speed) ** 2
-        return {"ln_k_s": ln(k), "ln_eps_s": ln(C_MU**0.75 * k**1.5 / length)}
+    def estimate(self, speed: Value, intensity: Value, length: Value) -> dict[str, Value]:
+        """ln k_s and ln eps_s."""
+        return dict(zip(self.transported, scales(speed, intensity, length), strict=True))

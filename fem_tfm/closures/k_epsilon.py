@@ -41,11 +41,15 @@ NEAR_WALL = 0.4
 SWITCH, WIDTH = 200.0, 10.0
 # logarithm of the largest eddies over those of the wall's length scale
 LARGEST = 1.0
-# intensity of the cold start
-INTENSITY = 0.1
 # keeps the ratio of two exponentials finite on the wall itself
 _TINY_RE = 1e-6
 _KINK = 1e-3
+
+
+def scales(speed: Value, intensity: Value, length: Value) -> tuple[Value, Value]:
+    """ln k and ln eps of k = 3/2 (I u)^2 [m2/s2] and eps = C_mu^0.75 k^1.5/length [m2/s3]."""
+    k = 1.5 * (intensity * speed) ** 2
+    return ln(k), ln(C_MU**0.75 * k**1.5 / length)
 
 
 @dataclass(frozen=True)
@@ -123,11 +127,9 @@ class TwoEquation(Turbulence):
         """ln eps by the wall's length scale; k has no flux into the wall."""
         return {"ln_eps": ln(self.wall_dissipation(eddies))}
 
-    def estimate(self, speed: Value, distance: Value, radius: Value) -> dict[str, Value]:
-        """Intensity of 10 % and the length of the mixing length."""
-        k = 1.5 * (INTENSITY * speed) ** 2
-        length = self._c_l() * nikuradse(distance, radius) / NEAR_WALL
-        return {"ln_k": ln(k), "ln_eps": ln(k**1.5 / length)}
+    def estimate(self, speed: Value, intensity: Value, length: Value) -> dict[str, Value]:
+        """ln k and ln eps."""
+        return dict(zip(self.transported, scales(speed, intensity, length), strict=True))
 
 
 @register("turbulence", "k-epsilon")

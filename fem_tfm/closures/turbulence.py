@@ -78,8 +78,8 @@ class Turbulence(Closure):
         """Logarithms held at the plane of the wall law; the others have no flux through it."""
         return {}
 
-    def estimate(self, speed: Value, distance: Value, radius: Value) -> dict[str, Value]:
-        """Logarithms to start from at a bulk speed [m/s]."""
+    def estimate(self, speed: Value, intensity: Value, length: Value) -> dict[str, Value]:
+        """Logarithms at an intensity of the mean speed [m/s] and a length of the eddies [m]."""
         return {}
 
 

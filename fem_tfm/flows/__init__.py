@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from fem_tfm.case import FLOWS, Case
+from fem_tfm.case import DEVELOPING, FLOWS, Case
 
 if TYPE_CHECKING:
     from fem_tfm.output.result import Result
@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 
 def _module(case: Case) -> ModuleType:
-    return import_module(FLOWS[case.flow])
+    own = DEVELOPING if case.solution == "developing" else {}
+    return import_module(own.get(case.flow) or FLOWS[case.flow])
 
 
 def run(

@@ -4,34 +4,32 @@
 from __future__ import annotations
 
 import math
-import time
-import tomllib
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
 import ufl
 from mpi4py import MPI
 
-from fem_tfm.case import QUANTITIES, Case
-from fem_tfm.errors import InputError, SolverError
+from fem_tfm.case import Case
+from fem_tfm.errors import SolverError
 from fem_tfm.flows import developed
+from fem_tfm.flows.recorder import (
+    Recorder,
+    attempt,
+    check_resumable,
+    prepare,
+    with_references,
+)
 from fem_tfm.flows.section import Section, Setup
 from fem_tfm.mesh import geometry_of, resolution_of, section
 from fem_tfm.models.two_fluid import ClosureSet, Numerics
 from fem_tfm.output import checkpoint
 from fem_tfm.output.fields import FieldWriter, snapshot
-from fem_tfm.output.files import on_root, write_text
+from fem_tfm.output.files import on_root
 from fem_tfm.output.pictures import SectionView, section_picture, vertical_profile
-from fem_tfm.output.profiles import Monitor, write_profiles
-from fem_tfm.output.result import (
-    Quantity,
-    Reference,
-    Result,
-    cpu_seconds,
-    peak_memory_mb,
-    versions,
-)
+from fem_tfm.output.profiles import write_profiles
+from fem_tfm.output.result import Result, versions
 
 if TYPE_CHECKING:
     from fem_tfm.progress import Progress
@@ -204,12 +202,16 @@ def checked_balances(section: Section) -> dict[str, float]:
 
 def skipped(case: Case) -> list[str]:
     """What the scene did not need, and why."""
-    laws, left_out = case.closures, ["axial direction: a developed section has d/dz = 0"]
+    laws, developing = case.closures, case.solution == "developing"
+    left_out = ["axial direction: a developed section has d/dz = 0"]
+    if developing:
+        left_out = ["upstream influence: stresses are not differentiated along the axis"]
     if geometry_of(case).symmetry == "half":
         left_out.append("left half: mirror image of the right one")
-    left_out.append("history: pseudo-time leads straight to the steady state")
+    way = "the march along the axis" if developing else "pseudo-time"
+    left_out.append(f"history: {way} leads straight to the steady state")
     if case.operation.outlet_pressure is not None:
-        left_out.append("outlet pressure: the gas has one density along a developed section")
+        left_out.append("compressibility: the gas has one density along the line")
     if case.solids is None:
         left_out.append("solids, granular temperature, drag: no table [solids]")
     else:
@@ -256,8 +258,8 @@ def advice(case: Case) -> list[str]:
 # -- the run -----------------------------------------------------------------------------------
 
 FILES = (
-    "result.json", "monitor.csv", "run.log", "profiles.csv", "section.png", "fields.xdmf",
-    "fields.h5",
+    "result.json", "report.html", "monitor.csv", "run.log", "profiles.csv", "section.png",
+    "fields.xdmf", "fields.h5",
 )  # fmt: skip
 COLUMNS = {
     "step": "",
@@ -272,7 +274,7 @@ COLUMNS = {
 WARNED = ("update", "pressure_gradient", "max_alpha_s", "max_theta")
 
 
-class Recorder(developed.Observer):
+class DenseRecorder(Recorder, developed.Observer):
     """What a run tells and keeps while it works: progress, monitor.csv, checkpoint.
 
     Parameters
@@ -284,33 +286,10 @@ class Recorder(developed.Observer):
     """
 
     def __init__(self, case: Case, out: Path | None, progress: Progress, resume: bool) -> None:
-        self.case = case
-        self.out = out
-        self.progress = progress
-        self.comm = MPI.COMM_WORLD
-        self.seconds = {"setup": 0.0, "compile": 0.0, "solve": 0.0, "output": 0.0}
+        super().__init__(case, out, progress, resume, COLUMNS)
         self.section: Section | None = None
         self.level = self.steps = 0
         self._begun: tuple[Section, int, int] | None = None
-        self.monitor: Monitor | None = None
-        self._file: TextIO | None = None
-        self._began = self._lap = time.perf_counter()
-        if out is not None and self.comm.rank == 0:
-            self.monitor = Monitor(out / "monitor.csv", COLUMNS, append=resume)
-            self._file = (out / "run.log").open("a", encoding="utf-8")
-        self.log(f"fem_tfm {versions().get('fem_tfm', '')}, {self.comm.size} rank(s): {case.title}")
-
-    def log(self, text: str) -> None:
-        """One line of run.log, with the wall time since the start."""
-        if self._file is not None:
-            self._file.write(f"{time.perf_counter() - self._began:9.2f} s  {text}\n")
-            self._file.flush()
-
-    def lap(self, stage: str) -> None:
-        """Book the time since the last call under a stage."""
-        now = time.perf_counter()
-        self.seconds[stage] += now - self._lap
-        self._lap = now
 
     def compiling(self, what: str) -> None:
         """Tell which form is prepared, on the first mesh: later ones find it in the cache."""
@@ -375,12 +354,6 @@ class Recorder(developed.Observer):
         fields = {name: section.unknown(name) for name in section.names}
         checkpoint.save(self.out, self.comm, fields, numbers)
 
-    def close(self) -> None:
-        """Close the monitor and the log."""
-        for file in (self.monitor, self._file):
-            if file is not None:
-                file.close()
-
 
 def run(
     case: Case, out: Path | None, *, resume: bool, overwrite: bool, progress: Progress
@@ -396,14 +369,15 @@ def run(
     """
     comm = MPI.COMM_WORLD
     if resume:
-        _check_resumable(case, out)
+        check_resumable(case, out)
     if out is not None:
-        on_root(comm, lambda: _prepare(case, out, overwrite))
-    recorder = Recorder(case, out, progress, resume)
+        on_root(comm, lambda: prepare(case, out, overwrite, FILES))
+    recorder = DenseRecorder(case, out, progress, resume)
     restart = _restart(case, out, recorder) if resume else None
     for sentence in advice(case):
         progress.warn(sentence)
-    try:
+
+    def solve() -> Result:
         solution = developed.solve(
             meshes(case),
             setup_of(case),
@@ -414,37 +388,21 @@ def run(
         )
         recorder.lap("solve")
         return _finish(case, solution, recorder)
-    except SolverError as stop:
-        _keep(case, recorder, "failed", str(stop))
-        hint = f"; its last state is in {out} (fields.xdmf, --resume)" if out is not None else ""
-        raise SolverError(f"{stop}{hint}") from stop
-    except KeyboardInterrupt:
-        _keep(case, recorder, "interrupted", "interrupted by the user")
-        raise
-    finally:
-        recorder.close()
+
+    return attempt(solve, partial(_keep, case, recorder), recorder)
 
 
-def _keep(case: Case, recorder: Recorder, status: str, reason: str) -> None:
+def _keep(case: Case, recorder: DenseRecorder, status: str, reason: str) -> None:
     """Write what an unfinished run has: its last accepted state and why it stopped."""
-    result = _result(case, status, recorder, reason)
+    result = result_of(case, status, recorder, reason)
     recorder.log(f"{status}: {reason}")
     if recorder.section is not None:
         recorder.save()
         _write_fields(case, recorder.section, result, recorder)
-    _write(result, recorder)
+    recorder.write(result)
 
 
-def _prepare(case: Case, out: Path, overwrite: bool) -> None:
-    """Make the directory with the complete case; a replaced run leaves nothing of its own."""
-    out.mkdir(parents=True, exist_ok=True)
-    if overwrite:
-        for name in (checkpoint.FILE, *FILES):
-            (out / name).unlink(missing_ok=True)
-    write_text(out / "case.toml", case.dump())
-
-
-def _restart(case: Case, out: Path, recorder: Recorder) -> tuple[int, Any]:
+def _restart(case: Case, out: Path, recorder: DenseRecorder) -> tuple[int, Any]:
     """Mesh to go on with and how to put the stored state on it."""
     numbers = checkpoint.numbers(out)
     recorder.steps = int(numbers["steps"])
@@ -459,63 +417,29 @@ def _restart(case: Case, out: Path, recorder: Recorder) -> tuple[int, Any]:
     return int(numbers["level"]), restore
 
 
-# keys that a resumed run may change
-FREE_TO_CHANGE = ("title", "inferred", "reference", "output", "numerics.max_steps")
-
-
-def _check_resumable(case: Case, out: Path) -> None:
-    """Refuse to go on with another case, or without a state to go on from."""
-    if not checkpoint.numbers(out):
-        raise InputError("--resume", str(out), "a directory that holds a checkpoint")
-    stored = tomllib.loads((out / "case.toml").read_text(encoding="utf-8"))
-    changed = sorted(_flat(stored).items() ^ _flat(tomllib.loads(case.dump())).items())
-    keys = {key for key, _ in changed if not key.startswith(FREE_TO_CHANGE)}
-    if keys:
-        allowed = (
-            f"the directory of a run of this very case; different are {', '.join(sorted(keys))}"
-        )
-        raise InputError("--resume", str(out), allowed)
-
-
-def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, str]:
-    """Dotted keys and the text of their values."""
-    flat = {}
-    for key, value in table.items():
-        if isinstance(value, dict):
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[prefix + key] = repr(value)
-    return flat
-
-
-def _finish(case: Case, solution: developed.Solution, recorder: Recorder) -> Result:
+def _finish(case: Case, solution: developed.Solution, recorder: DenseRecorder) -> Result:
     """Quantities with their errors, balances and files of a converged run."""
     section = solution.section
     kept = checked_balances(section)
     found, errors = estimated(solution, case.geometry.length)
-    result = _result(case, "converged", recorder)
-    references: dict[str, list[Reference]] = {}
-    for given in case.reference:
-        references.setdefault(given.quantity, []).append(Reference(given.value, given.source))
-    for name, value in found.items():
-        known = tuple(references.get(name, ()))
-        unit, error = QUANTITIES[name], errors[name]
-        result.quantities[name] = Quantity(value, unit, error, references=known)
+    result = result_of(case, "converged", recorder)
+    result.quantities = with_references(case, found, errors)
     result.balances = kept
     _write_fields(case, section, result, recorder)
     recorder.save_final()
     recorder.lap("output")
-    _write(result, recorder)
+    recorder.write(result)
     recorder.log(f"converged: pressure gradient {result['pressure_gradient']:.6g} Pa/m")
     return result
 
 
-def _result(case: Case, status: str, recorder: Recorder, reason: str = "") -> Result:
+def result_of(case: Case, status: str, recorder: Any, reason: str = "") -> Result:
+    """A result without numbers yet; `recorder` tells the section and the times."""
     section, comm = recorder.section, recorder.comm
     return Result(
         status=status,
         flow=case.flow,
-        solution="developed",
+        solution="developing" if case.solution == "developing" else "developed",
         title=case.title,
         cells=section.mesh.num_cells if section else 0,
         dofs=section.dofs if section else 0,
@@ -529,21 +453,23 @@ def _result(case: Case, status: str, recorder: Recorder, reason: str = "") -> Re
     )
 
 
-def _write(result: Result, recorder: Recorder) -> None:
-    result.cpu_seconds = cpu_seconds(recorder.comm)
-    result.peak_memory_mb = peak_memory_mb(recorder.comm)
-    if recorder.out is not None:
-        on_root(recorder.comm, lambda: result.write(recorder.out))
-
-
-def _write_fields(case: Case, section: Section, result: Result, recorder: Recorder) -> None:
+def _write_fields(case: Case, section: Section, result: Result, recorder: DenseRecorder) -> None:
     """XDMF, profiles along the vertical diameter and pictures."""
-    out, comm, mesh = recorder.out, recorder.comm, section.mesh.mesh
-    fields = section.fields()
-    moment = snapshot(mesh, fields)
-    if out is not None and case.output.xdmf:
-        with FieldWriter(out / "fields", mesh) as writer:
-            writer.write(0.0, {n: f for n, f in fields.items() if n in case.output.fields})
+    if recorder.out is not None and case.output.xdmf:
+        with FieldWriter(recorder.out / "fields", section.mesh.mesh) as writer:
+            writer.write(0.0, chosen_fields(case, section))
+    write_section(case, section, result, recorder.out)
+
+
+def chosen_fields(case: Case, section: Section) -> dict[str, Any]:
+    """The fields that a case wants in fields.xdmf."""
+    return {n: f for n, f in section.fields().items() if n in case.output.fields}
+
+
+def write_section(case: Case, section: Section, result: Result, out: Path | None) -> None:
+    """Profiles along the vertical diameter, for the result and the files, and the picture."""
+    mesh = section.mesh.mesh
+    moment = snapshot(mesh, section.fields())
 
     def draw() -> None:
         view = SectionView.of_cells(
@@ -559,7 +485,7 @@ def _write_fields(case: Case, section: Section, result: Result, recorder: Record
         if case.output.pictures:
             section_picture(out / "section.png", view, values, case.title)
 
-    on_root(comm, draw)
+    on_root(mesh.comm, draw)
 
 
 PROFILE_UNITS = {
@@ -580,13 +506,8 @@ PROFILE_UNITS = {
 def describe(case: Case) -> dict[str, Any]:
     """What would be solved, what is left out, and what it would take."""
     sizes = mesh_sizes(case)
-    mesh = section(geometry_of(case), size=sizes[-1], **_resolution(case))
-    cells = mesh.num_cells
+    cells, unknowns = size_of(case)
     laws = case.closures
-    scales = len(laws.turbulence.transported)
-    scales += len(laws.dispersed.transported) if case.solids else 0
-    unknowns = UNKNOWNS_PER_CELL if case.solids else GAS_UNKNOWNS_PER_CELL
-    unknowns = round(cells * (unknowns + scales * UNKNOWNS_PER_SCALE))
     chosen = [laws.drag, laws.radial, laws.granular, laws.friction] if case.solids else []
     chosen += [laws.turbulence, case.walls.gas]
     chosen += [laws.dispersed, laws.dispersion, case.walls.solids] if case.solids else []
@@ -604,6 +525,17 @@ def describe(case: Case) -> dict[str, Any]:
         "inferred": list(case.inferred) or "nothing",
         "warnings": advice(case) or "none",
     }
+
+
+def size_of(case: Case) -> tuple[int, int]:
+    """Cells of the finest mesh, and about how many unknowns."""
+    mesh = section(geometry_of(case), size=mesh_sizes(case)[-1], **_resolution(case))
+    per_cell, laws = GAS_UNKNOWNS_PER_CELL, case.closures
+    scales = len(laws.turbulence.transported)
+    if case.solids:
+        per_cell = UNKNOWNS_PER_CELL
+        scales += len(laws.dispersed.transported)
+    return mesh.num_cells, round(mesh.num_cells * (per_cell + scales * UNKNOWNS_PER_SCALE))
 
 
 # measured on the demo: unknowns of P2/P1 triangles, memory and CPU time of a cold run

@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import start
@@ -77,8 +78,25 @@ class Observer:
 QUIET = Observer()
 
 
+@dataclass(frozen=True)
+class Scheme:
+    """How the sections of one kind of flow are made, started and stepped."""
+
+    section: Callable[..., Any] = Section
+    cold: Callable[[Any], None] = start.cold
+    warm: Callable[[Any, Any], None] = start.warm
+    control: Callable[..., StepControl] = step_control
+
+
+DENSE = Scheme()
+
+
 def solve_level(
-    section: Section, control: StepControl, previous: Section | None, observer: Observer = QUIET
+    section: Section,
+    control: StepControl,
+    previous: Section | None,
+    observer: Observer = QUIET,
+    scheme: Scheme = DENSE,
 ) -> History:
     """Steady state of one section from a cold start, or from another mesh's answer.
 
@@ -88,18 +106,18 @@ def solve_level(
     section.newton.saturate = True
     march = _march(section, control, observer)
     if previous is not None:
-        start.warm(section, previous)
+        scheme.warm(section, previous)
         try:
             return march.run(first=control.largest)
         except SolverError as error:
             observer.retry(control.first, f"{error}; cold start")
     try:
-        start.cold(section)
+        scheme.cold(section)
         return march.run()
     except SolverError as error:
         observer.retry(control.first, f"{error}; cold start with shortened steps")
     section.newton.saturate = False
-    start.cold(section)
+    scheme.cold(section)
     return march.run()
 
 
@@ -115,11 +133,13 @@ def solve(
     max_steps: int,
     observer: Observer,
     restart: tuple[int, Callable[[Section], None]] | None = None,
+    scheme: Scheme = DENSE,
 ) -> Solution:
     """Solve on each mesh in turn, coarse to fine.
 
     restart : number of a mesh and what puts a stored state on it; the mesh before it is solved
         again from that state, so that there is an error estimate
+    scheme : the kind of section
 
     Raises
     ------
@@ -128,14 +148,14 @@ def solve(
     """
     solution, stored, built = Solution(), None, {}
     if restart is not None:
-        built[restart[0]] = stored = Section(meshes[restart[0]](), setup, observer.compiling)
+        built[restart[0]] = stored = scheme.section(meshes[restart[0]](), setup, observer.compiling)
         restart[1](stored)
     for i in range(max(restart[0] - 1, 0) if restart else 0, len(meshes)):
         began = time.perf_counter()
-        section = built.get(i) or Section(meshes[i](), setup, observer.compiling)
+        section = built.get(i) or scheme.section(meshes[i](), setup, observer.compiling)
         compiled, cpu = time.perf_counter() - began, time.process_time()
         width = section.mesh.geometry.hydraulic_diameter
-        control = step_control(setup, width, tolerance, max_steps)
+        control = scheme.control(setup, width, tolerance, max_steps)
         if i < len(meshes) - 2:
             control = replace(control, tolerance=max(tolerance, COARSE_TOLERANCE))
         observer.begin(section, i, len(meshes))
@@ -144,7 +164,7 @@ def solve(
             if section is stored:
                 history = _march(section, control, observer).run()
             else:
-                history = solve_level(section, control, previous, observer)
+                history = solve_level(section, control, previous, observer, scheme)
         except SolverError:
             # a coarse mesh is only a help: a flow it cannot hold may well be steady on a finer one
             if i == len(meshes) - 1:

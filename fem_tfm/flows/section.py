@@ -23,8 +23,9 @@ from petsc4py import PETSc
 from fem_tfm.closures.base import Closure
 from fem_tfm.closures.materials import Gas, Solids
 from fem_tfm.fenics import compile_form
+from fem_tfm.flows.discretisation import Discretisation
 from fem_tfm.mesh import Mesh
-from fem_tfm.models.axis import DevelopedAxis
+from fem_tfm.models.axis import Axis, DevelopedAxis
 from fem_tfm.models.two_fluid import ClosureSet, Domain, Numerics, State, TwoFluid
 from fem_tfm.solvers.newton import Block, Border, BorderedNewton
 
@@ -94,7 +95,7 @@ def _element(mesh: Any, names: tuple[str, ...]) -> Any:
     return basix.ufl.mixed_element([special.get(name, p2) for name in names])
 
 
-class Section:
+class Section(Discretisation):
     """A developed problem on one mesh, ready for Newton.
 
     Parameters
@@ -107,29 +108,20 @@ class Section:
     def __init__(
         self, mesh: Mesh, setup: Setup, progress: Callable[[str], None] = lambda text: None
     ) -> None:
-        self.mesh = mesh
+        element = _element(mesh.mesh, setup.names)
+        super().__init__(mesh, element, setup.names, setup.quadrature_degree)
         self.setup = setup
-        self.names = setup.names
-        self.space = fem.functionspace(mesh.mesh, _element(mesh.mesh, self.names))
-        self.now = fem.Function(self.space, name="unknowns")
-        self.old = fem.Function(self.space)
         self.idt = self._constant(0.0)
         self.drive = self._constant(0.0)
         self.source = self._constant(0.0)
         self.domain = self._domain()
-        self._numbers: list[fem.Constant] = []
-        self._integrals: dict[str, fem.Form] = {}
-        self.model = TwoFluid(*setup.bound(self._number), DevelopedAxis(), self.domain)
-        self._dofs = [self._sub_dofs(i) for i in range(len(self.names))]
+        self.area = self.integral("area", self._constant(1.0))
+        self.model = TwoFluid(*setup.bound(self._number), self._axis(), self.domain)
         self.newton = self._newton(progress)
 
-    def _constant(self, value: Any) -> fem.Constant:
-        return fem.Constant(self.mesh.mesh, np.asarray(value, dtype=PETSc.ScalarType))
-
-    def _number(self, value: Any) -> fem.Constant:
-        """A constant that `update` changes."""
-        self._numbers.append(self._constant(value))
-        return self._numbers[-1]
+    def _axis(self) -> Axis:
+        """How the flow changes along the axis."""
+        return DevelopedAxis()
 
     def update(self, setup: Setup) -> None:
         """Take over the numbers of a setup of the same structure; nothing is compiled or built.
@@ -141,14 +133,7 @@ class Section:
         """
         if setup.structure != self.setup.structure:
             raise ValueError("a section can take over numbers only, and this setup has other laws")
-        held = iter(self._numbers)
-
-        def renew(value: Any) -> fem.Constant:
-            constant = next(held)
-            constant.value = value
-            return constant
-
-        setup.bound(renew)
+        self._renew(setup.bound)
         self.domain.wall_offset.value = setup.wall_offset
         self.setup = setup
         for border, target in zip(self.newton.borders, self._targets(), strict=True):
@@ -156,15 +141,15 @@ class Section:
         self.newton.blocks = self._blocks()
 
     def _domain(self) -> Domain:
-        mesh, degree = self.mesh.mesh, self.setup.quadrature_degree
+        mesh = self.mesh.mesh
         x, n = ufl.SpatialCoordinate(mesh), ufl.FacetNormal(mesh)
         inverse = ufl.JacobianInverse(mesh)
         across = ufl.dot(inverse, n)
-        metadata = {"quadrature_degree": degree}
+        metadata = {"quadrature_degree": self.setup.quadrature_degree}
         ds = ufl.Measure("ds", mesh, subdomain_data=self.mesh.facet_tags, metadata=metadata)
         geometry = self.mesh.geometry
         return Domain(
-            dx=ufl.Measure("dx", mesh, metadata=metadata),
+            dx=self.dx,
             ds_wall=ds(self.mesh.tags["wall"]),
             normal=ufl.as_vector((n[0], n[1], 0.0)),
             wall_distance=geometry.wall_distance(x),
@@ -173,12 +158,6 @@ class Section:
             diameter=self._constant(geometry.hydraulic_diameter),
             wall_cell=1 / ufl.sqrt(ufl.inner(across, across)),
         )
-
-    def _sub_dofs(self, i: int) -> np.ndarray:
-        _, dofs = self.space.sub(i).collapse()
-        dofs = np.asarray(dofs).ravel()
-        owned = self.space.dofmap.index_map.size_local * self.space.dofmap.index_map_bs
-        return dofs[dofs < owned]
 
     def state(self, function: fem.Function) -> State:
         """UFL state of a Function of the mixed space."""
@@ -227,19 +206,22 @@ class Section:
 
     def _borders(self) -> list[Border]:
         """G is set by the gas flux, the uniform source of solids by hold-up or flux."""
-        now, test, dx = self.state(self.now), self._test(), self.domain.dx
+        now, dx, targets = self.state(self.now), self.domain.dx, self._targets()
         alpha = self.model.alpha(now)
-        self.area = self.integral("area", self._constant(1.0))
-        targets = self._targets()
-        gas_column = -(1 - alpha) * test.u_g[2] * dx
-        if self.setup.solids is None:
-            return [self._border(self.drive, gas_column, now.u_g[2] * dx, targets[0])]
-        column = gas_column - alpha * test.u_s[2] * dx
-        carried = alpha * dx if self.setup.feed[0] == "holdup" else alpha * now.u_s[2] * dx
-        return [
-            self._border(self.drive, column, (1 - alpha) * now.u_g[2] * dx, targets[0]),
-            self._border(self.source, -alpha * test.q * dx, carried, targets[1]),
-        ]
+        borders = [self._drive_border((1 - alpha) * now.u_g[2] * dx, targets[0])]
+        if self.setup.solids is not None:
+            carried = alpha * dx if self.setup.feed[0] == "holdup" else alpha * now.u_s[2] * dx
+            column = -alpha * self._test().q * dx
+            borders.append(self._border(self.source, column, carried, targets[1]))
+        return borders
+
+    def _drive_border(self, constraint: Any, target: float) -> Border:
+        """G, which drives both phases, and what determines it."""
+        test, alpha = self._test(), self.model.alpha(self.state(self.now))
+        column = -(1 - alpha) * test.u_g[2] * self.domain.dx
+        if self.setup.solids is not None:
+            column -= alpha * test.u_s[2] * self.domain.dx
+        return self._border(self.drive, column, constraint, target)
 
     def _targets(self) -> list[float]:
         """Gas flux, and hold-up or solids flux, of the meshed part of the section.
@@ -253,42 +235,16 @@ class Section:
             targets.append(value * (self.area if kind == "holdup" else true_area))
         return targets
 
-    def _border(
-        self, multiplier: fem.Constant, column: Any, constraint: Any, target: float
-    ) -> Border:
-        row = ufl.derivative(constraint, self.now, ufl.TestFunction(self.space))
-        return Border(
-            multiplier,
-            compile_form(column),
-            compile_form(constraint),
-            compile_form(row),
-            self._constant(target),
-        )
-
     def _blocks(self) -> list[Block]:
         speed = 0.1 * self.setup.gas_velocity
         head = 0.1 * self.setup.gas.density * self.setup.gas_velocity**2
         scales = {"u_g": (speed,), "p": (head,), "u_s": (speed,)}
-        scales |= {"q": (1.0, 1.0)}
+        scales |= {"q": (1.0, 1.0), "tau": (1.0, 1.5)}
+        scales |= dict.fromkeys(SCALES, (1.0, 1.5))
         dofs = dict(zip(self.names, self._dofs, strict=True))
-        return [Block(n, dofs[n], *scales.get(n, (1.0, 1.5))) for n in self.names]
-
-    @property
-    def dofs(self) -> int:
-        """Unknowns on all ranks."""
-        return self.space.dofmap.index_map.size_global * self.space.dofmap.index_map_bs
+        return [Block(n, dofs[n], *scales[n], follows=n == "p") for n in self.names]
 
     # -- what others read ----------------------------------------------------------------------
-
-    def unknown(self, name: str) -> fem.Function:
-        """A copy of one unknown on its own space."""
-        return self.now.sub(self.names.index(name)).collapse()
-
-    def set_unknown(self, name: str, function: fem.Function) -> None:
-        """Put back what `unknown` gave."""
-        dofs = np.asarray(self.space.sub(self.names.index(name)).collapse()[1]).ravel()
-        self.now.x.array[dofs] = function.x.array
-        self.now.x.scatter_forward()
 
     def fields(self) -> dict[str, fem.Function]:
         """Fields for output at their nodes.
@@ -308,17 +264,6 @@ class Section:
         for name, function in fields.items():
             function.name = name
         return fields
-
-    def integral(self, name: str, integrand: Any, measure: ufl.Measure | None = None) -> float:
-        """Integral over the part of the section that is solved, or over its wall.
-
-        The form is compiled when `name` is met for the first time and kept: the same name always
-        means the same integrand.
-        """
-        if name not in self._integrals:
-            self._integrals[name] = compile_form(integrand * (measure or self.domain.dx))
-        value = fem.assemble_scalar(self._integrals[name])
-        return self.mesh.mesh.comm.allreduce(value)
 
     def extremes(self) -> dict[str, float]:
         """Largest alpha_s [-] and Theta [m2/s2]: the early warning of a run."""

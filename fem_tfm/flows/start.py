@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -15,6 +17,8 @@ from fem_tfm.interpolation import transfer
 # measured: a cold start is fastest with a granular temperature of about this fraction of U_g^2
 THETA_START = 2.5e-4
 SOLIDS_START = 1.0
+# turbulence of gas and solids over U_g
+GAS_INTENSITY, SOLIDS_INTENSITY = 0.1, 0.05
 
 
 def _profile(section: Section) -> fem.Function:
@@ -61,22 +65,31 @@ def cold(section: Section) -> None:
         logit = float(np.log(alpha / (setup.solids.packing_limit - alpha)))
         for i, value in ((3, logit), (4, float(np.log(THETA_START * setup.gas_velocity**2)))):
             section.now.x.array[section.space.sub(i).collapse()[1]] = value
-    _set_turbulence(section)
+    length = nikuradse(section.model.stretch()[0], section.model.domain.radius)
+    speed = setup.gas_velocity
+    set_turbulence(section, length, (speed, GAS_INTENSITY), (speed, SOLIDS_INTENSITY))
     _strong_zero(section)
 
 
-def _set_turbulence(section: Section) -> None:
-    """Estimates of the laws at the bulk velocity and Nikuradse's mixing length."""
-    model = section.model
-    speed = fem.Constant(section.mesh.mesh, section.setup.gas_velocity)
-    height, radius = model.stretch()[0], model.domain.radius
-    guess = model.closures.turbulence.estimate(speed, height, radius)
+def set_turbulence(
+    section: Section, length: Any, gas: tuple[float, float], solids: tuple[float, float]
+) -> None:
+    """Give the transported turbulence its estimates from a length of the eddies [m].
+
+    gas, solids : mean velocity [m/s] and intensity [-]
+    """
+
+    def numbers(values: tuple[float, float]) -> list[fem.Constant]:
+        return [fem.Constant(section.mesh.mesh, value) for value in values]
+
+    laws = section.model.closures
+    guess = laws.turbulence.estimate(*numbers(gas), length)
     if section.setup.solids is not None:
-        guess |= model.closures.dispersed.estimate(speed, nikuradse(height, radius))
+        guess |= laws.dispersed.estimate(*numbers(solids), length)
     for name, value in guess.items():
         space, dofs = section.space.sub(section.names.index(name)).collapse()
         found = fem.Function(space)
-        found.interpolate(fem.Expression(ufl.as_ufl(value), space.element.interpolation_points))
+        found.interpolate(fem.Expression(value, space.element.interpolation_points))
         section.now.x.array[dofs] = found.x.array
 
 

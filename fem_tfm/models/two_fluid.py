@@ -180,6 +180,10 @@ class Solid:
         )
 
 
+# unit vector downstream
+AXIAL = ufl.as_vector((0.0, 0.0, 1.0))
+
+
 def deviatoric_strain(rate: Expr) -> Expr:
     """S = dev(sym(grad u)), shape (3, 3) [1/s]."""
     return ufl.sym(rate) - ufl.tr(rate) / 3 * ufl.Identity(3)
@@ -228,10 +232,15 @@ class TwoFluid:
         """Theta = exp(tau) [m2/s2]."""
         return ufl.exp(state.tau)
 
+    def rate(self, state: State, phase: str) -> Expr:
+        """L = grad u of "u_g" or "u_s" with its axial column, shape (3, 3) [1/s]."""
+        along = self.axis.change(lambda s: getattr(s, phase), state)
+        return self.axis.jacobian(getattr(state, phase)) + ufl.outer(along, AXIAL)
+
     def solid(self, state: State) -> Solid:
         """Closures of the solids at a state."""
         alpha, theta = self.alpha(state), self.theta(state)
-        rate = self.axis.jacobian(state.u_s)
+        rate = self.rate(state, "u_s")
         strain, dilation = deviatoric_strain(rate), ufl.tr(rate)
         g0 = self.closures.radial.g0(alpha, self.solids)
         kinetic = self.closures.granular.coefficients(
@@ -270,12 +279,12 @@ class TwoFluid:
 
     def eddies(self, state: State) -> Eddies:
         """What the gas's law of turbulence sees, in the coordinates of the stretched profile."""
-        return self._eddies(state.u_g, state.ln_k, state.ln_eps, *self.stretch())
+        rate = self.rate(state, "u_g")
+        return self._eddies(rate, state.ln_k, state.ln_eps, *self.stretch())
 
     def _eddies(
-        self, u: Expr, ln_k: Expr | None, ln_eps: Expr | None, height: Expr, slope: Expr
+        self, rate: Expr, ln_k: Expr | None, ln_eps: Expr | None, height: Expr, slope: Expr
     ) -> Eddies:
-        rate = self.axis.jacobian(u)
         strain = deviatoric_strain(rate)
         shear = 2 * ufl.inner(strain, strain) + self.numerics.shear_floor**2
         found = Eddies(ufl.sqrt(shear) / slope, height, self.gas, self.domain.radius)
@@ -301,12 +310,13 @@ class TwoFluid:
         slip = state.u_g - state.u_s
         speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
         # grad(alpha)/alpha of the logit
-        crowding = (1 - solid.alpha / self.solids.packing_limit) * self.axis.gradient(state.q)
+        along = self.axis.change(lambda s: s.q, state)
+        logit = self.axis.gradient(state.q) + along * AXIAL
+        crowding = (1 - solid.alpha / self.solids.packing_limit) * logit
         eddies = None
         if state.ln_k_s is not None:
-            eddies = self._eddies(
-                state.u_s, state.ln_k_s, state.ln_eps_s, self.domain.wall_distance, 1.0
-            )
+            height = self.domain.wall_distance
+            eddies = self._eddies(solid.rate, state.ln_k_s, state.ln_eps_s, height, 1.0)
         return Grains(
             alpha=solid.alpha,
             theta=solid.theta,
@@ -335,16 +345,20 @@ class TwoFluid:
         alpha = self.alpha(now)
         flux = alpha * now.u_s + self.numerical_flux(now)
         rate = idt * (alpha - self.alpha(old)) - source * alpha
+        rate += self.axis.change(lambda s: self.alpha(s) * s.u_s[2], now)
         return (rate * w - ufl.inner(flux, self.axis.gradient(w))) * self.domain.dx
 
     def mixture_mass(self, now: State, w: Expr) -> ufl.Form:
         """div(alpha_s u_s + alpha_g u_g) = 0, with nothing through the walls."""
-        alpha = self.alpha(now)
-        flux = (1 - alpha) * now.u_g
-        if self.solids is not None:
-            flux = flux + alpha * now.u_s
+        flux, along = self.volume_flux(now), self.axis.change(lambda s: self.volume_flux(s)[2], now)
         shift = self.numerics.pressure_shift * now.p * w
-        return -(ufl.inner(flux, self.axis.gradient(w)) + shift) * self.domain.dx
+        return -(ufl.inner(flux, self.axis.gradient(w)) - along * w + shift) * self.domain.dx
+
+    def volume_flux(self, state: State) -> Expr:
+        """alpha_s u_s + alpha_g u_g, the flux of both phases [m/s]."""
+        alpha = self.alpha(state)
+        gas = (1 - alpha) * state.u_g
+        return gas if self.solids is None else gas + alpha * state.u_s
 
     def solids_momentum(self, now: State, old: State, v: Expr, idt: Any, drive: Any) -> ufl.Form:
         """Momentum of the solids, with wall friction and the weak condition u_s.n = 0."""
@@ -352,9 +366,10 @@ class TwoFluid:
         a, a0 = solid.alpha, self.alpha(old)
         flux = a * now.u_s + self.numerical_flux(now)
         body = a * (self.axis.gradient(now.p) - (rho - self.gas.density) * self.gravity)
+        along = self.axis.change(lambda s: self.alpha(s) * s.u_s[2] * s.u_s, now)
         form = (
             rho * idt * ufl.inner(a * now.u_s - a0 * old.u_s, v)
-            + ufl.inner(body, v)
+            + ufl.inner(body + rho * along, v)
             - a * drive * v[2]
             - self.drag(now) * ufl.inner(now.u_g - now.u_s, v)
             + ufl.inner(solid.stress() - rho * ufl.outer(now.u_s, flux), self.axis.jacobian(v))
@@ -370,10 +385,11 @@ class TwoFluid:
         flux = a * now.u_g
         if self.solids is not None:
             flux = flux - self.numerical_flux(now)
-        stress = 2 * a * mu * deviatoric_strain(self.axis.jacobian(now.u_g))
+        stress = 2 * a * mu * deviatoric_strain(self.rate(now, "u_g"))
+        along = self.axis.change(lambda s: (1 - self.alpha(s)) * s.u_g[2] * s.u_g, now)
         form = (
             rho * idt * ufl.inner(a * now.u_g - a0 * old.u_g, v)
-            + a * ufl.inner(self.axis.gradient(now.p), v)
+            + ufl.inner(a * self.axis.gradient(now.p) + rho * along, v)
             - a * drive * v[2]
             + ufl.inner(stress - rho * ufl.outer(now.u_g, flux), self.axis.jacobian(v))
         ) * self.domain.dx
@@ -414,8 +430,10 @@ class TwoFluid:
         old_energy = self.alpha(old) * self.theta(old)
         flux = solid.alpha * now.u_s + self.numerical_flux(now)
         conduction = k.conductivity * theta * self.axis.gradient(now.tau)
+        along = self.axis.change(lambda s: self.alpha(s) * self.theta(s) * s.u_s[2], now)
+        stored = idt * (solid.alpha * theta - old_energy) + along
         form = (
-            (1.5 * rho * idt * (solid.alpha * theta - old_energy) - work + sink) * w
+            (1.5 * rho * stored - work + sink) * w
             + ufl.inner(conduction - 1.5 * rho * theta * flux, self.axis.gradient(w))
         ) * self.domain.dx
         heat = self.closures.solids_wall.heat(self.wall_state(now, solid), self.solids)
@@ -437,9 +455,9 @@ class TwoFluid:
             gain = self.closures.dispersed.gain(self.gas_eddies(now), grains)
         held, form = law.wall_values(eddies), ufl.Form([])
         for name, balance in law.balances(eddies, gain).items():
-            x, x0, w = (getattr(state, name) for state in (now, old, test))
-            form += self.logarithm(x, x0, w, now.u_g, mass, balance, slope, idt)
+            form += self.logarithm(name, "u_g", now, old, test, mass, balance, slope, idt)
             if name in held:
+                x, w = getattr(now, name), getattr(test, name)
                 stiff = mass * balance.diffusivity / (slope * self.domain.wall_cell)
                 penalty = self.numerics.wall_penalty * stiff
                 form += penalty * (x - held[name]) * w * self.domain.ds_wall
@@ -451,8 +469,7 @@ class TwoFluid:
         mass, form = solid.alpha * self.solids.density, ufl.Form([])
         balances = law.balances(self.gas_eddies(now), self.grains(now, solid))
         for name, balance in balances.items():
-            x, x0, w = (getattr(state, name) for state in (now, old, test))
-            form += self.logarithm(x, x0, w, now.u_s, mass, balance, 1.0, idt)
+            form += self.logarithm(name, "u_s", now, old, test, mass, balance, 1.0, idt)
         return form
 
     def dispersion(self, now: State, v: Expr) -> Expr:
@@ -466,18 +483,21 @@ class TwoFluid:
 
     def logarithm(
         self,
-        x: Expr,
-        old: Expr,
-        w: Expr,
-        u: Expr,
+        name: str,
+        phase: str,
+        now: State,
+        old: State,
+        test: State,
         mass: Expr,
         balance: Balance,
         slope: Expr,
         idt: Any,
     ) -> ufl.Form:
-        """Transport of x = ln X in a phase of `mass` = a rho, in stretched coordinates."""
+        """Transport of x = ln X by "u_g" or "u_s", `mass` = a rho, in stretched coordinates."""
+        x, x0, w = (getattr(state, name) for state in (now, old, test))
+        u, along = getattr(now, phase), self.axis.change(lambda s: getattr(s, name), now)
         grad, spread = self.axis.gradient(x), balance.diffusivity / slope
-        change = idt * (x - old) + ufl.inner(u, grad)
+        change = idt * (x - x0) + ufl.inner(u, grad) + u[2] * along
         growth = spread * ufl.inner(grad, grad) + slope * balance.rate
         flux = mass * spread * grad
         return (

@@ -7,7 +7,7 @@ by their place. The file is replaced in one step, so the previous state survives
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +28,9 @@ def save(
     comm: Any,
     fields: Mapping[str, fem.Function],
     numbers: Mapping[str, float],
+    tables: Mapping[str, Sequence[float]] | None = None,
 ) -> None:
-    """Write fields and numbers (collective)."""
+    """Write fields, numbers and columns of numbers (collective)."""
     arrays: dict[str, np.ndarray] = {}
     for name, function in fields.items():
         points, values = _owned(function)
@@ -38,6 +39,7 @@ def save(
             arrays[f"{name}.points"] = np.concatenate([part[0] for part in gathered])
             arrays[f"{name}.values"] = np.concatenate([part[1] for part in gathered])
     arrays |= {f"number.{key}": np.asarray(value) for key, value in numbers.items()}
+    arrays |= {f"table.{key}": np.asarray(column) for key, column in (tables or {}).items()}
     path = Path(directory) / FILE
 
     def write() -> None:
@@ -75,6 +77,13 @@ def numbers(directory: str | Path) -> dict[str, float]:
     with np.load(path) as stored:
         keys = [key for key in stored.files if key.startswith("number.")]
         return {key.removeprefix("number."): float(stored[key]) for key in keys}
+
+
+def tables(directory: str | Path) -> dict[str, list[float]]:
+    """The columns of a checkpoint."""
+    with np.load(Path(directory) / FILE) as stored:
+        keys = [key for key in stored.files if key.startswith("table.")]
+        return {key.removeprefix("table."): stored[key].tolist() for key in keys}
 
 
 def _owned(function: fem.Function) -> tuple[np.ndarray, np.ndarray]:

@@ -180,6 +180,11 @@ class HeavyData:
             self._path(number).unlink()
             number += 1
 
+    def resume(self) -> None:
+        """Go on after the files of an earlier part of the run."""
+        while self._path(self._number + 1).exists():
+            self._number += 1
+
     def add(self, arrays: Mapping[str, NDArray[Any]]) -> str:
         """Add arrays under their names and return the name of the file that holds them."""
         fresh = self._number < 0 or self._path(self._number).stat().st_size > SEGMENT_BYTES
@@ -189,6 +194,9 @@ class HeavyData:
                 shutil.copyfile(path, temporary)
             with h5py.File(temporary, "a") as file:
                 for name, array in arrays.items():
+                    # left by a run that was killed before it could name them
+                    if name in file:
+                        del file[name]
                     file[name] = array
         self._number += fresh
         return path.name
@@ -205,6 +213,7 @@ class FieldWriter:
     ----------
     path_stem : path of the two files without suffix
     mesh : DOLFINx mesh of degree 1 or 2; degree 2 is written as quadratic cells
+    append : go on with the series of an earlier part of the run on the same mesh, if there is one
 
     Notes
     -----
@@ -225,8 +234,9 @@ class FieldWriter:
         not grow, a mesh of degree above 2, or a write after `close`.
     """
 
-    def __init__(self, path_stem: str | Path, mesh: Any) -> None:
+    def __init__(self, path_stem: str | Path, mesh: Any, append: bool = False) -> None:
         self.mesh = mesh
+        self.append = append
         self.path = Path(f"{path_stem}.xdmf")
         self._heavy = HeavyData(path_stem)
         self._nodes: Nodes | None = None
@@ -262,6 +272,10 @@ class FieldWriter:
     def _begin(self, fields: Mapping[str, fem.Function]) -> None:
         """Write the mesh; an older series of this name goes first, for its data are replaced."""
         nodes = Nodes(self.mesh, degree(self.mesh, fields))
+        if self.append and self.mesh.comm.bcast(self.path.exists()):
+            on_root(self.mesh.comm, self._resume)
+            self._nodes = nodes
+            return
         points, cells = nodes.points(), nodes.cells()
 
         def begin() -> None:
@@ -276,6 +290,16 @@ class FieldWriter:
 
         on_root(self.mesh.comm, begin)
         self._nodes = nodes
+
+    def _resume(self) -> None:
+        """Take over the steps of the series that is there."""
+        found = self.path.read_text(encoding="utf-8").split('<Grid Name="step"')[1:]
+        ends = (text.partition("</Grid>\n")[0] for text in found)
+        self._steps = steps = [f'<Grid Name="step"{text}</Grid>\n' for text in ends]
+        start, end = steps[0].index("<Topology"), steps[0].index("</Geometry>\n")
+        self._mesh_xml = steps[0][start:end] + "</Geometry>\n"
+        self._time = float(steps[-1].partition('<Time Value="')[2].partition('"')[0])
+        self._heavy.resume()
 
     def _add(self, time: float, nodal: dict, cellwise: dict) -> None:
         group = f"steps/{len(self._steps):06d}"

@@ -189,6 +189,59 @@ def section_picture(
     _save(figure, path, title)
 
 
+# quantities along an axis on one set of axes, and the label that they share
+AXIS_PANELS = (
+    (("pressure",), "pressure above the outlet's"),
+    (("pressure_gradient",), "pressure gradient"),
+    (("holdup", "max_solids_fraction", "bed_fraction"), "solids"),
+    (("bed_height",), "bed height"),
+    (("gas_velocity", "solids_velocity", "max_gas_velocity"), "axial velocity"),
+    (("max_theta",), "granular temperature, largest"),
+)
+
+
+def axis_picture(
+    path: str | Path,
+    columns: Mapping[str, ArrayLike],
+    units: Mapping[str, str],
+    width: float,
+    title: str = "",
+) -> None:
+    """Draw how a flow develops along its axis.
+
+    path : of the PNG, replaced in one step
+    columns : "z" [m] and quantities of equal length; those of `AXIS_PANELS` are drawn
+    units : of the columns
+    width : hydraulic diameter, the unit of the abscissa [m]
+    """
+    panels = [([n for n in names if n in columns], label) for names, label in AXIS_PANELS]
+    panels = [(names, label) for names, label in panels if names]
+    rows = -(-len(panels) // 2)
+    figure = Figure(figsize=(9.0, 2.5 * rows + 0.5), layout="constrained")
+    grid = figure.subplots(rows, 2, squeeze=False, sharex=True).ravel()
+    at = np.asarray(columns["z"]) / width
+    for axes, (names, label) in zip(grid, panels, strict=False):
+        for name in names:
+            values = np.asarray(columns[name])
+            values = values - values[-1] if name == "pressure" else values
+            axes.plot(at, values, linewidth=1.5, label=name.replace("_", " "))
+        unit = units.get(names[0], "").replace("2", "²")
+        axes.set_ylabel(f"{label} [{unit}]" if unit not in ("", "-") else label, fontsize=9)
+        if names[0] in ("pressure_gradient", "max_theta"):
+            # an entrance is far above the rest
+            axes.set_yscale("log" if np.nanmin(columns[names[0]]) > 0 else "symlog")
+        if len(names) > 1:
+            axes.legend(fontsize=8, frameon=False)
+        axes.grid(color="#dddddd", linewidth=0.6)
+        axes.tick_params(which="both", **STYLE)
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.set_xlim(at[0], at[-1])
+        axes.set_xlabel("z/D", fontsize=9)
+    for axes in grid[len(panels) :]:
+        axes.set_axis_off()
+    _save(figure, path, title)
+
+
 def sweep_picture(
     path: str | Path,
     table: Mapping[str, Sequence[Any]],

@@ -55,12 +55,14 @@ class Block:
     dofs : owned local indices
     scale : typical size, so that update/scale is relative
     limit : for logarithms, the largest change of one unknown in one step, or None
+    follows : has no history of its own but follows the others at once, as a pressure does
     """
 
     name: str
     dofs: np.ndarray
     scale: float
     limit: float | None = None
+    follows: bool = False
 
 
 @dataclass(frozen=True)
@@ -315,7 +317,7 @@ class BorderedNewton:
 
     def _sizes(self, change: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
         """Relative rms of each block of a correction."""
-        sizes = {b.name: self._rms(change[0][b.dofs]) / b.scale for b in self.blocks}
+        sizes = {b.name: self.relative_rms(b, change[0]) for b in self.blocks}
         if not all(map(math.isfinite, sizes.values())):
             raise LinearSolveError("the Newton step is not finite")
         return sizes
@@ -341,6 +343,10 @@ class BorderedNewton:
                 peak = self.comm.allreduce(np.abs(change[0][block.dofs]).max(initial=0.0), MPI.MAX)
                 share = min(share, block.limit / max(peak, 1e-300))
         return share
+
+    def relative_rms(self, block: Block, values: np.ndarray) -> float:
+        """Root mean square of a block of `values` in its scale (collective)."""
+        return self._rms(values[block.dofs]) / block.scale
 
     def _rms(self, values: np.ndarray) -> float:
         total = self.comm.allreduce(np.array([np.dot(values, values), values.size]))

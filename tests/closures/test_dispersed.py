@@ -33,7 +33,7 @@ def drift_power(nu_s, sigma):
 def test_no_exchange(grains):
     law = make("dispersed", "none")
     assert law.viscosity(GAS, grains) == law.gain(GAS, grains) == 0.0
-    assert law.balances(GAS, grains) == law.estimate(1.0, 1.0) == {}
+    assert law.balances(GAS, grains) == law.estimate(1.0, 1.0, 1.0) == {}
 
 
 def test_simonin_in_dilute_flow(grains):
@@ -102,8 +102,7 @@ def test_equations_of_the_solids(grains):
 
 
 def test_start_of_the_solids(grains):
-    """5 % intensity."""
-    found = make("dispersed", "k-epsilon").estimate(6.0, 1e-3)
+    found = make("dispersed", "k-epsilon").estimate(6.0, 0.05, 1e-3)
     k = 1.5 * 0.3**2
     assert found["ln_k_s"] == pytest.approx(math.log(k))
     assert found["ln_eps_s"] == pytest.approx(math.log(0.09**0.75 * k**1.5 / 1e-3))

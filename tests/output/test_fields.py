@@ -274,6 +274,36 @@ def test_new_series_replaces_an_old_one(tmp_path: Path, monkeypatch: pytest.Monk
     assert sorted(p.name for p in tmp_path.iterdir()) == ["f.1.h5", "f.h5", "f.xdmf"]
 
 
+@pytest.mark.parametrize("segment", [1, 1 << 24])
+def test_a_series_goes_on_where_a_killed_run_left_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, segment: int
+) -> None:
+    """In the same file or a further one; a step whose data alone were written is written again."""
+    mesh = unit_mesh("triangle")
+    monkeypatch.setattr(fields, "SEGMENT_BYTES", segment)
+    for times in ((0, 1), (2, 3)):
+        with FieldWriter(tmp_path / "f", mesh, append=True) as writer:
+            for time in times:
+                writer.write(time, some_fields(mesh, 1.0 + time))
+        writer = FieldWriter(tmp_path / "f", mesh, append=True)
+        monkeypatch.setattr(fields, "write_text", lambda *unused: None)
+        writer.write(times[1] + 1, some_fields(mesh, -1.0))
+        monkeypatch.undo()
+        monkeypatch.setattr(fields, "SEGMENT_BYTES", segment)
+    whole = tmp_path / "whole"
+    with FieldWriter(whole, mesh) as writer:
+        for time in range(4):
+            writer.write(time, some_fields(mesh, 1.0 + time))
+    for step in range(4):
+        found, wanted = (with_meshio(stem, step) for stem in (tmp_path / "f", whole))
+        assert found["time"] == wanted["time"] == step
+        for name in wanted:
+            assert np.array_equal(found[name], wanted[name]), name
+    with FieldWriter(tmp_path / "f", mesh, append=True) as writer, pytest.raises(ValueError):
+        writer.write(3, some_fields(mesh))
+        writer.write(3, some_fields(mesh))
+
+
 def test_large_series_goes_on_in_further_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -14,6 +14,7 @@ from matplotlib.tri import Triangulation
 from fem_tfm.output import pictures
 from fem_tfm.output.pictures import (
     SectionView,
+    axis_picture,
     section_picture,
     sweep_picture,
     vertical_profile,
@@ -183,3 +184,12 @@ def test_sweep_lines_are_sorted_and_grouped() -> None:
     assert list(first.get_xdata()) == [1.0, 2.0, 3.0]
     assert list(first.get_ydata()) == [1.0, 4.0, 9.0]
     assert (second.get_label(), list(second.get_ydata())) == ("b", [7.0])
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("names", [["pressure", "pressure_gradient"], ["holdup", "bed_height"]])
+def test_axis_picture(tmp_path: Path, names: list[str]) -> None:
+    """What a line does not have is left out; the gradient at its inlet is not known."""
+    columns = {"z": [0.0, 0.1, 0.4], **{name: [math.nan, 2.0, 1.0] for name in names}}
+    axis_picture(tmp_path / "a.png", columns, {"pressure": "Pa", "holdup": "-"}, 0.01, "a line")
+    drawn(tmp_path / "a.png")
