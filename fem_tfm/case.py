@@ -84,9 +84,12 @@ QUANTITIES = {
 }
 
 FIELDS = (
-    "alpha_s", "u_s", "u_g", "theta", "pressure", "k", "eps", "reynolds_stress", "temperature",
-    "heat_flux",
+    "alpha_s", "u_s", "u_g", "theta", "pressure", "k", "eps", "k_s", "eps_s", "reynolds_stress",
+    "temperature", "heat_flux",
 )  # fmt: skip
+
+# names that stand for laws of two families
+FOUR_EQUATION = "realizable-4eq"
 
 FEEDS = ("solids_fraction", "solids_superficial_velocity", "solids_mass_flow")
 
@@ -258,12 +261,12 @@ class Inlet(Table):
         "power-law", "", "velocities of both phases at the inlet, power 1/7 or uniform"
     )
     solids_intensity: float = _key(
-        0.05, "", "agitation of the solids over their mean velocity", gt=0, le=1
+        0.05, "", "agitation and turbulence of the solids over their mean velocity", gt=0, le=1
     )
-    gas_intensity: float = _key(
-        0.05, "", "turbulence of a duct's gas over its mean velocity", gt=0, le=1
+    gas_intensity: float = _key(0.1, "", "turbulence of the gas over its mean velocity", gt=0, le=1)
+    length_scale: float = _key(
+        0.07, "", "length of the eddies over the hydraulic diameter", gt=0, le=1
     )
-    gas_length: float = _key(0.07, "", "its length scale over the hydraulic diameter", gt=0, le=1)
 
 
 KINDS = {
@@ -278,7 +281,10 @@ WALL_PLUS, SMALLEST_DISTANCE = 40.0, 0.004
 
 LIMITS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 
-LAWS = ("drag", "radial", "granular", "friction", "turbulence", "reynolds_stress", "heat_flux")
+LAWS = (
+    "drag", "radial", "granular", "friction", "turbulence", "dispersed", "dispersion",
+    "reynolds_stress", "heat_flux",
+)  # fmt: skip
 
 
 # keys of the laws at walls and the families they come from
@@ -299,9 +305,19 @@ class Closures(Table):
     theta: Literal["transport", "algebraic"] = _key("transport", "", "granular temperature")
     friction: Any = _key("berzi", "", "frictional stress of the solids")
     turbulence: Any = _key("mixing-length", "", "turbulence of the gas")
+    dispersed: Any = _key("none", "", "turbulence of the solids")
+    dispersion: Any = _key("none", "", "turbulent dispersion of the solids")
     friction_feeds_theta: bool = _key(False, "", "frictional work becomes granular temperature")
     reynolds_stress: Any = _key("lrr", "", "Reynolds stresses of a duct's gas")
     heat_flux: Any = _key("launder", "", "turbulent heat fluxes of a duct's gas")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _four_equations(cls, values: Any) -> Any:
+        """turbulence = "realizable-4eq" stands for two equations in each phase."""
+        if isinstance(values, Mapping) and values.get("turbulence") == FOUR_EQUATION:
+            return {"dispersed": "k-epsilon", **values, "turbulence": "realizable"}
+        return values
 
     @field_validator(*LAWS, mode="before")
     @classmethod
@@ -326,6 +342,9 @@ class Walls(Table):
     heat: Any = _key("jayatilleke", "", "wall function of the temperature")
     distance: float | None = _key(
         None, "m", "distance of the wall law, default that of the flow", gt=0, le=10
+    )
+    grain_gap: float = _key(
+        0.0, "", "height over which the drag fades to the wall, in grain diameters", ge=0, le=10
     )
 
     @field_validator(*WALL_LAWS, mode="before")
@@ -479,6 +498,27 @@ class Case(Table):
         if fraction is not None and fraction >= limit:
             allowed = f"a number below solids.packing_limit = {limit}"
             raise InputError("operation.solids_fraction", fraction, allowed)
+        return self
+
+    @model_validator(mode="after")
+    def _turbulence_fits(self) -> Self:
+        """Laws that use k have one that transports it, and that one a wall law."""
+        laws, walls = self.closures, self.walls
+        using = {
+            "closures.dispersed": laws.dispersed,
+            "closures.dispersion": laws.dispersion,
+            "walls.gas": walls.gas,
+        }
+        if not laws.turbulence.transported:
+            for key, law in using.items():
+                if law.needs_k:
+                    allowed = "a law without k, or closures.turbulence = 'realizable' beside it"
+                    raise InputError(key, law.name, allowed)
+        elif walls.gas.strong:
+            allowed = (
+                f"'log-law' or 'log-law-k' with closures.turbulence = {laws.turbulence.name!r}"
+            )
+            raise InputError("walls.gas", walls.gas.name, allowed)
         return self
 
     @model_validator(mode="after")

@@ -167,6 +167,40 @@ def test_every_law_can_be_chosen_and_written(dense: dict[str, Any], family: str)
         assert tomllib.loads(case.dump())["closures"][family]["model"] == name
 
 
+@pytest.mark.parametrize("family", ["dispersed", "dispersion"])
+def test_every_law_of_the_solids_turbulence_can_be_chosen(
+    dense: dict[str, Any], family: str
+) -> None:
+    for name in names(family):
+        laws = {f"closures__{family}": name, "closures__turbulence": "k-epsilon"}
+        assert getattr(changed(dense, **laws).closures, family).name == name
+
+
+def test_four_equations_stand_for_two_laws(dense: dict[str, Any]) -> None:
+    laws = changed(dense, closures__turbulence="realizable-4eq").closures
+    assert (laws.turbulence.name, laws.dispersed.name) == ("realizable", "k-epsilon")
+    other = {"closures__turbulence": "realizable-4eq", "closures__dispersed": "simonin"}
+    assert changed(dense, **other).closures.dispersed.name == "simonin"
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"closures__dispersed": "simonin"}, "closures.dispersed"),
+        ({"closures__dispersion": "simonin"}, "closures.dispersion"),
+        ({"walls__gas": "log-law-k"}, "walls.gas"),
+        ({"closures__turbulence": "realizable", "walls__gas": "no-slip"}, "walls.gas"),
+    ],
+)
+def test_laws_that_do_not_fit_the_turbulence_are_refused(
+    dense: dict[str, Any], changes: dict[str, Any], key: str
+) -> None:
+    with pytest.raises(InputError) as error:
+        changed(dense, **changes)
+    assert error.value.key == key
+    assert "closures.turbulence" in str(error.value)
+
+
 def test_parameter_of_a_default_law(dense: dict[str, Any]) -> None:
     assert changed(dense, closures__drag__C=0.25).closures.drag == make(
         "drag", {"model": "three-zone", "C": 0.25}

@@ -17,6 +17,7 @@ BENCHMARKS: dict[str, Callable[[], str]] = {
     "duct": duct.run,
     "stress": stress.run,
     "stress-quick": stress.run_quick,
+    "stress-turbulence": stress.run_turbulent,
 }
 # what `fem-tfm bench` runs without a name
 ALL = ("error", "duct", "stress")

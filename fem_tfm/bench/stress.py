@@ -22,7 +22,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fem_tfm.case import Case
-from fem_tfm.closures import names
+from fem_tfm.closures import make, names
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import dense, developed
 from fem_tfm.flows.section import Section
@@ -47,6 +47,12 @@ FAMILIES = {
     "closures.friction": "friction",
     "walls.gas": "gas-wall",
     "walls.solids": "solids-wall",
+}
+# with transported turbulence; the other laws are those of the cases without
+TURBULENCE = {
+    "closures.turbulence": "turbulence",
+    "closures.dispersed": "dispersed",
+    "closures.dispersion": "dispersion",
 }
 ALGEBRAIC_SHARE = FEEDING_SHARE = 0.25
 # these laws hold the grains at their friction_limit, which is the packed fraction
@@ -90,20 +96,32 @@ class Effort(developed.Observer):
         return sum(section.newton.factorisations for section in self.sections)
 
 
-def _column(family: str, length: int, rng: np.random.Generator) -> list[str]:
-    """Names of a family in random order, each about equally often."""
-    known = names(family)
+def _column(
+    family: str, length: int, rng: np.random.Generator, turbulent: bool = False
+) -> list[str]:
+    """Names of a family in random order, each about equally often.
+
+    Without transported turbulence those that need it are left out; with it, a turbulence must be.
+    """
+    laws = {name: make(family, name) for name in names(family)}
+    known = [n for n, law in laws.items() if turbulent or not getattr(law, "needs_k", False)]
+    if family == "turbulence":
+        known = [name for name in known if laws[name].transported]
     drawn = [known[i % len(known)] for i in range(length)]
     return [drawn[i] for i in rng.permutation(length)]
 
 
-def law_sets(number: int = SETS, seed: int = SEED) -> list[dict[str, Any]]:
+def law_sets(number: int = SETS, seed: int = SEED, turbulent: bool = False) -> list[dict[str, Any]]:
     """Sets of laws as case values; every law stands in at least two of 26."""
     rng = np.random.default_rng(seed)
     columns = {key: _column(family, number, rng) for key, family in FAMILIES.items()}
     _part_unbounded(columns["closures.radial"], columns["closures.friction"])
     algebraic = rng.permutation(number) < ALGEBRAIC_SHARE * number
     feeding = rng.permutation(number) < FEEDING_SHARE * number
+    if turbulent:
+        columns |= {key: _column(f, number, rng, True) for key, f in TURBULENCE.items()}
+        # a turbulence with a wall law needs one
+        columns["walls.gas"] = ["log-law"] * number
     sets = [{key: column[i] for key, column in columns.items()} for i in range(number)]
     for laws, local, feeds in zip(sets, algebraic, feeding, strict=True):
         laws["closures.theta"] = "algebraic" if local else "transport"
@@ -147,10 +165,12 @@ def _nested(values: dict[str, Any]) -> dict[str, Any]:
     return tables
 
 
-def cases(number: int = CASES, sets: int = SETS, seed: int = SEED) -> list[Case]:
+def cases(
+    number: int = CASES, sets: int = SETS, seed: int = SEED, turbulent: bool = False
+) -> list[Case]:
     """The random cases, grouped by their laws; the first of a set are the same for any number."""
     rng = np.random.default_rng([seed, 1])
-    laws = law_sets(SETS, seed)[:sets]
+    laws = law_sets(SETS, seed, turbulent)[:sets]
     drawn = [[_numbers(rng) for _ in range(-(-CASES // SETS))] for _ in laws]
     found = []
     for i, chosen in enumerate(laws):
@@ -225,15 +245,20 @@ def summary(outcomes: list[Outcome]) -> str:
     return "\n".join(lines)
 
 
-def run(number: int = CASES, sets: int = SETS) -> str:
+def run(number: int = CASES, sets: int = SETS, turbulent: bool = False) -> str:
     """Solve the random cases, print each, and return the summary."""
-    chosen = cases(number, sets)
+    chosen = cases(number, sets, turbulent=turbulent)
     return summary(list(solve_all(chosen, len(chosen))))
 
 
 def run_quick() -> str:
     """A few cases of two sets of laws."""
     return run(6, 2)
+
+
+def run_turbulent() -> str:
+    """The random cases with turbulence that is transported, in the gas and in the solids."""
+    return run(turbulent=True)
 
 
 def _tell(text: str) -> None:

@@ -1,7 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Eddy viscosity of the gas from local quantities.
+"""Eddy viscosity of the gas.
 
     sigma_g = 2 a_g (mu_g + mu_t) S_g
+
+A law is algebraic, or it transports scales of the turbulence: then it names their logarithms, which
+become unknowns, and says how each spreads and grows.
 
 Symbols: a_g gas fraction, S shear rate sqrt(2 S_g:S_g) [1/s], y distance to the wall [m], R half
 the hydraulic diameter [m], rho_g [kg/m3], mu_g [Pa s].
@@ -11,6 +14,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from fem_tfm.closures.base import Closure, parameter, register
 from fem_tfm.closures.materials import Gas
@@ -19,17 +23,87 @@ from fem_tfm.closures.ops import Value, exp, maximum, safe_pow
 _TINY_RE = 1e-4
 
 
+@dataclass(frozen=True)
+class Eddies:
+    """What a law of turbulence sees at a point.
+
+    strain : S = sqrt(2 S_ij S_ij) [1/s]
+    distance : y [m]
+    gas : density and viscosity
+    radius : R [m]
+    spin : U* = sqrt(S_ij S_ij + Omega_ij Omega_ij) [1/s]
+    skewness : sqrt(6) W = sqrt(6) S_ij S_jk S_ki/(S_ij S_ij)^1.5, from -1 to 1
+    k, eps : turbulent energy [m2/s2] and its dissipation [m2/s3], where they are transported
+    """
+
+    strain: Any
+    distance: Any
+    gas: Gas
+    radius: Any
+    spin: Any = None
+    skewness: Any = None
+    k: Any = None
+    eps: Any = None
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Transport of the logarithm of a scale x.
+
+    diffusivity : of x [m2/s]
+    rate : sources over x [1/s]
+    """
+
+    diffusivity: Any
+    rate: Any
+
+
 class Turbulence(Closure):
+    """Interface of a law of turbulence.
+
+    transported : names of the logarithms that it makes unknowns, none for an algebraic law
+    """
+
+    transported: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def viscosity(self, eddies: Eddies) -> Value:
+        """mu_t [Pa s]."""
+
+    def balances(self, eddies: Eddies, gain: Value) -> dict[str, Balance]:
+        """Transport of each logarithm; `gain` is the power that grains give to k, over k [1/s]."""
+        return {}
+
+    def wall_values(self, eddies: Eddies) -> dict[str, Value]:
+        """Logarithms held at the plane of the wall law; the others have no flux through it."""
+        return {}
+
+    def estimate(self, speed: Value, intensity: Value, length: Value) -> dict[str, Value]:
+        """Logarithms at an intensity of the mean speed [m/s] and a length of the eddies [m]."""
+        return {}
+
+
+class Algebraic(Turbulence):
     """Interface of an algebraic eddy viscosity."""
+
+    def viscosity(self, eddies: Eddies) -> Value:
+        """mu_t [Pa s]."""
+        return self.eddy_viscosity(eddies.strain, eddies.distance, eddies.gas, eddies.radius)
 
     @abstractmethod
     def eddy_viscosity(self, strain: Value, distance: Value, gas: Gas, radius: Value) -> Value:
         """mu_t [Pa s] at shear rate `strain` [1/s] and wall distance [m]; radius R [m]."""
 
 
+def nikuradse(distance: Value, radius: Value) -> Value:
+    """Mixing length l = R (0.14 - 0.08 eta^2 - 0.06 eta^4), eta = max(0, 1 - y/R) [m]."""
+    eta2 = maximum(1 - distance / radius, 0.0) ** 2
+    return radius * (0.14 - 0.08 * eta2 - 0.06 * eta2**2)
+
+
 @register("turbulence", "laminar")
 @dataclass(frozen=True)
-class Laminar(Turbulence):
+class Laminar(Algebraic):
     """No turbulence.
 
         mu_t = 0
@@ -45,7 +119,7 @@ class Laminar(Turbulence):
 
 @register("turbulence", "mixing-length")
 @dataclass(frozen=True)
-class MixingLength(Turbulence):
+class MixingLength(Algebraic):
     """Prandtl's mixing length with Nikuradse's profile and van Driest's damping.
 
         mu_t = rho_g l^2 S
@@ -72,8 +146,7 @@ class MixingLength(Turbulence):
 
     def length(self, distance: Value, radius: Value) -> Value:
         """Nikuradse's mixing length without damping [m]."""
-        eta2 = maximum(1 - distance / radius, 0.0) ** 2
-        return radius * (0.14 - 0.08 * eta2 - 0.06 * eta2**2)
+        return nikuradse(distance, radius)
 
     def damping(self, strain: Value, distance: Value, gas: Gas) -> Value:
         """van Driest's factor 1 - exp(-y+/A) [-]."""

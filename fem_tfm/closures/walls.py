@@ -28,6 +28,7 @@ from fem_tfm.closures.ops import (
     erf,
     exp,
     lambert_w,
+    ln,
     maximum,
     radians,
     smooth_norm,
@@ -37,6 +38,8 @@ from fem_tfm.closures.ops import (
 
 # width of the strip of the log law over y_p, and the flux it adds to a pipe
 STRIP, STRIP_FLUX = 3.0, 5.0
+# the same with the fall of the stress over y_p, for a law by the turbulent energy
+ENERGY_FLUX = 16.0
 _TINY_THETA = 1e-12
 _TINY_RATIO = 1e-12
 
@@ -73,10 +76,34 @@ class SolidsWall(Closure):
         """Flux into the granular energy [W/m2]."""
 
 
+@dataclass(frozen=True)
+class GasWallState:
+    """Gas at the wall.
+
+    speed : of the gas along the wall [m/s]
+    distance : height above the wall at which it has this speed [m]
+    gas : material
+    k : turbulent energy [m2/s2], where it is transported
+    """
+
+    speed: Any
+    distance: Any
+    gas: Gas
+    k: Any = None
+
+
 class GasWall(Closure):
-    """Interface of a wall law of the gas."""
+    """Interface of a wall law of the gas.
+
+    needs_k : it asks for a turbulence that transports k
+    """
 
     strong: ClassVar[bool] = False
+    needs_k: ClassVar[bool] = False
+
+    def coefficient(self, state: GasWallState) -> Value:
+        """Coefficient c [Pa s/m] of the traction -c u_t."""
+        return self.friction(state.speed, state.distance, state.gas)
 
     @abstractmethod
     def friction(self, speed: Value, distance: Value, gas: Gas) -> Value:
@@ -310,6 +337,39 @@ class LogLaw(GasWall):
     def height(self, offset: Value, diameter: Value) -> Value:
         """h = y_p/(1 + 5 y_p/D) [m]."""
         return offset / (1 + STRIP_FLUX * offset / diameter)
+
+
+@register("gas-wall", "log-law-k")
+@dataclass(frozen=True)
+class EnergyLogLaw(LogLaw):
+    """Logarithmic law with the friction velocity of the turbulent energy and a viscous limit.
+
+        c = mu_g/y [1 + (y*/u*)^n]^(1/n),  u* = ln(1 + E y*)/kappa,
+        y* = rho_g C_mu^(1/4) sqrt(k) y/mu_g
+
+    Gas whose turbulence the grains destroy rubs the wall as a laminar layer of thickness y does;
+    in a gas alone it is the logarithmic law, for k = u_tau^2/sqrt(C_mu) in equilibrium. y is
+    y_p/(1 + 16 y_p/D): beside the flux of the strip it makes up for k, which carries the stress at
+    y_p and not the wall's, 2 y_p/D higher.
+
+    Validity: attached flow along smooth walls, y+ > 30 in a gas alone.
+    Source: Launder and Spalding (1974), Comput. Methods Appl. Mech. Eng. 3, 269-289.
+    """
+
+    needs_k: ClassVar[bool] = True
+
+    C_mu: float = parameter(0.09, "-", "C_mu of the friction velocity", gt=0)
+
+    def coefficient(self, state: GasWallState) -> Value:
+        """Coefficient c [Pa s/m] of the traction -c u_t."""
+        nu = state.gas.viscosity / state.gas.density
+        y_star = self.C_mu**0.25 * sqrt(state.k) * state.distance / nu
+        ratio = self.kappa * y_star / ln(1 + self.E * y_star)
+        return state.gas.viscosity / state.distance * (1 + ratio**self.n) ** (1 / self.n)
+
+    def height(self, offset: Value, diameter: Value) -> Value:
+        """y = y_p/(1 + 16 y_p/D) [m]."""
+        return offset / (1 + ENERGY_FLUX * offset / diameter)
 
 
 @register("gas-wall", "no-slip")

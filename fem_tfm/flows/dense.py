@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 COARSEST = 0.25
 # regularisations in units of U_g and D; their effect on the pressure gradient is in docs/dense.md
 ALPHA_DIFFUSION, SLIP_FLOOR, SHEAR_FLOOR, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 1e-4, 1e-3, 0.1, 1e-8
-WALL_PENALTY, SMOOTHING, SMALLEST_RATE = 200.0, 0.05, 1e-6
+WALL_PENALTY, SMOOTHING, SMALLEST_RATE, K_FLOOR = 200.0, 0.05, 1e-6, 2.5e-4
 # a state that breaks a balance by more is no answer
 BALANCE_ERROR = 1e-6
 
@@ -53,6 +53,8 @@ def setup_of(case: Case) -> Setup:
         smallest_rate=SMALLEST_RATE * speed / width,
         theta_floor=given.theta_floor,
         slip_floor=SLIP_FLOOR * speed,
+        grain_gap=case.walls.grain_gap * (case.solids.diameter if case.solids else 0.0),
+        k_floor=K_FLOOR * speed**2,
         shear_floor=SHEAR_FLOOR * speed / width,
         wall_penalty=WALL_PENALTY,
         wall_speed=WALL_SPEED * speed,
@@ -69,6 +71,8 @@ def setup_of(case: Case) -> Setup:
         turbulence=laws.turbulence,
         gas_wall=case.walls.gas,
         solids_wall=case.walls.solids,
+        dispersed=laws.dispersed,
+        dispersion=laws.dispersion,
         theta=laws.theta,
         friction_feeds_theta=laws.friction_feeds_theta,
     )
@@ -211,8 +215,14 @@ def skipped(case: Case) -> list[str]:
             left_out.append("transport of granular temperature: closures.theta = algebraic")
         if laws.friction.name == "none":
             left_out.append("frictional stress: closures.friction = none")
+        if laws.dispersed.name == "none":
+            left_out.append("turbulence of the solids: closures.dispersed = none")
+        if laws.dispersion.name == "none":
+            left_out.append("turbulent dispersion of the solids: closures.dispersion = none")
     if laws.turbulence.name == "laminar":
         left_out.append("gas turbulence: closures.turbulence = laminar")
+    elif not laws.turbulence.transported:
+        left_out.append(f"transport of k and eps: closures.turbulence = {laws.turbulence.name}")
     return left_out
 
 
@@ -400,6 +410,10 @@ PROFILE_UNITS = {
     "u_g": "m/s",
     "Theta": "m2/s2",
     "pressure": "Pa",
+    "k": "m2/s2",
+    "eps": "m2/s3",
+    "k_s": "m2/s2",
+    "eps_s": "m2/s3",
 }
 
 
@@ -409,7 +423,8 @@ def describe(case: Case) -> dict[str, Any]:
     cells, unknowns = size_of(case)
     laws = case.closures
     chosen = [laws.drag, laws.radial, laws.granular, laws.friction] if case.solids else []
-    chosen += [laws.turbulence, case.walls.gas] + ([case.walls.solids] if case.solids else [])
+    chosen += [laws.turbulence, case.walls.gas]
+    chosen += [laws.dispersed, laws.dispersion, case.walls.solids] if case.solids else []
     return {
         "title": case.title or "untitled",
         "solved": "developed section by the two-fluid model: steady, d/dz = 0",
@@ -429,12 +444,16 @@ def describe(case: Case) -> dict[str, Any]:
 def size_of(case: Case) -> tuple[int, int]:
     """Cells of the finest mesh, and about how many unknowns."""
     mesh = section(geometry_of(case), size=mesh_sizes(case)[-1], **_resolution(case))
-    per_cell = UNKNOWNS_PER_CELL if case.solids else GAS_UNKNOWNS_PER_CELL
-    return mesh.num_cells, round(mesh.num_cells * per_cell)
+    per_cell, laws = GAS_UNKNOWNS_PER_CELL, case.closures
+    scales = len(laws.turbulence.transported)
+    if case.solids:
+        per_cell = UNKNOWNS_PER_CELL
+        scales += len(laws.dispersed.transported)
+    return mesh.num_cells, round(mesh.num_cells * (per_cell + scales * UNKNOWNS_PER_SCALE))
 
 
 # measured on the demo: unknowns of P2/P1 triangles, memory and CPU time of a cold run
-UNKNOWNS_PER_CELL, GAS_UNKNOWNS_PER_CELL = 17.5, 6.8
+UNKNOWNS_PER_CELL, GAS_UNKNOWNS_PER_CELL, UNKNOWNS_PER_SCALE = 17.5, 6.8, 2.1
 BASE_MEMORY, MEMORY_PER_UNKNOWN, TIME_PER_UNKNOWN, COMPILE_TIME = 170, 0.012, 2.5e-4, 15
 
 

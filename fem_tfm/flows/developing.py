@@ -146,7 +146,8 @@ class Line:
         """Stand at the inlet."""
         case, given = self.case, self.case.inlet
         solids = case.solids_inlet if case.solids else (None, None)
-        enter(self.station, Inlet(given.profile, *solids, given.solids_intensity))
+        scales = given.solids_intensity, given.gas_intensity, given.length_scale
+        enter(self.station, Inlet(given.profile, *solids, *scales))
         self.place = Place(0.0, None, self.control.first)
         self._entered = self.momentum()
         self._tell()

@@ -92,7 +92,7 @@ class DuctLine(developing.Line):
     def begin(self) -> None:
         """Stand at the inlet."""
         case, given = self.case, self.case.inlet
-        length = given.gas_length * case.geometry.hydraulic_diameter
+        length = given.length_scale * case.geometry.hydraulic_diameter
         duct_start.enter(self.station, given.gas_intensity, length)
         if self.heat is not None:
             excess = case.heat.wall_temperature - case.gas.temperature

@@ -10,6 +10,7 @@ import ufl
 from dolfinx import fem
 
 from fem_tfm.flows.section import Section
+from fem_tfm.flows.start import set_turbulence
 
 # the power law ends short of the wall, over half the hydraulic diameter
 NEAREST = 0.01
@@ -22,31 +23,44 @@ class Inlet:
     profile : "power-law" (1/7) or "uniform" velocities
     solids_fraction : alpha_s, uniform [-]; None for the gas alone
     solids_velocity : mean velocity of the solids [m/s]
-    intensity : I of the solids' agitation, Theta = (I u_s)^2 with the mean u_s, uniform [-]
+    solids_intensity : I_s of the solids' agitation and turbulence, uniform [-]
+    gas_intensity : I_g of the gas's turbulence, uniform [-]
+    length_scale : l of the eddies over the hydraulic diameter, uniform [-]
     """
 
     profile: str
     solids_fraction: float | None = None
     solids_velocity: float | None = None
-    intensity: float = 0.05
+    solids_intensity: float = 0.05
+    gas_intensity: float = 0.1
+    length_scale: float = 0.07
 
 
 def enter(section: Section, inlet: Inlet) -> None:
     """Put the state of the inlet on a section.
 
     Velocities are axial, u = (mean) (60/49) (1 - 2r/D)^{1/7} or uniform, and carry exactly the
-    fluxes of the feed; alpha_s and Theta are uniform. Where a wall law asks for rest there is rest.
+    fluxes of the feed. Where a wall law asks for rest there is rest. alpha_s is uniform, and with
+    the mean velocities
+
+        Theta = (I_s u_s)^2,  k = 3/2 (I u)^2,  eps = C_mu^0.75 k^1.5/l
     """
     section.drive.value = section.source.value = 0.0
     section.now.x.array[:] = 0.0
     shape = _shape(section, inlet.profile)
     alpha = inlet.solids_fraction or 0.0
-    _spread(section, "u_g", shape, section.setup.gas_velocity / (1 - alpha))
+    gas_velocity = section.setup.gas_velocity / (1 - alpha)
+    _spread(section, "u_g", shape, gas_velocity)
+    length = fem.Constant(
+        section.mesh.mesh, inlet.length_scale * section.mesh.geometry.hydraulic_diameter
+    )
+    gas = gas_velocity, inlet.gas_intensity
+    set_turbulence(section, length, gas, (inlet.solids_velocity, inlet.solids_intensity))
     if section.setup.solids is None:
         return
     _spread(section, "u_s", shape, inlet.solids_velocity)
     limit = section.setup.solids.packing_limit
-    agitation = inlet.intensity * inlet.solids_velocity
+    agitation = inlet.solids_intensity * inlet.solids_velocity
     for name, value in (("q", np.log(alpha / (limit - alpha))), ("c", agitation)):
         section.now.x.array[section.space.sub(section.names.index(name)).collapse()[1]] = value
     section.now.x.scatter_forward()

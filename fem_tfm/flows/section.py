@@ -2,8 +2,8 @@
 """The developed section on one mesh: spaces, forms, constraints and the solver that carries them.
 
 Unknowns on triangles (quadrilaterals likewise): u_g and u_s P2 with three components, p P1,
-logit(alpha_s) and the fluctuation speed c P2. alpha_s lives in the space of the velocity
-components, so that momentum closes.
+logit(alpha_s), the fluctuation speed c and the logarithms that a law of turbulence transports P2.
+alpha_s lives in the space of the velocity components, so that momentum closes.
 """
 
 from __future__ import annotations
@@ -54,6 +54,14 @@ class Setup:
         laws = tuple(_structure(getattr(self.closures, f.name)) for f in fields(self.closures))
         return self.solids is None, self.feed and self.feed[0], self.quadrature_degree, laws
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Unknowns of the problem, in their order."""
+        scales = self.closures.turbulence.transported
+        if self.solids is None:
+            return NAMES[:2] + scales
+        return NAMES + scales + self.closures.dispersed.transported
+
     def bound(self, wrap: Callable[[Any], Any]) -> tuple[Any, ...]:
         """Gas, solids, closures, gravity, numerics with all numbers wrapped, in a fixed order."""
         return (
@@ -74,17 +82,17 @@ def _structure(law: Any) -> Any:
 
 
 NAMES = ("u_g", "p", "u_s", "q", "c")
+# logarithms of the turbulence and the fields they become
+SCALES = {"ln_k": "k", "ln_eps": "eps", "ln_k_s": "k_s", "ln_eps_s": "eps_s"}
 
 
-def _element(mesh: Any, with_solids: bool) -> Any:
+def _element(mesh: Any, names: tuple[str, ...]) -> Any:
     cell = mesh.basix_cell()
     p1 = basix.ufl.element("Lagrange", cell, 1)
     p2 = basix.ufl.element("Lagrange", cell, 2)
     vector = basix.ufl.blocked_element(p2, shape=(3,))
-    parts = [vector, p1]
-    if with_solids:
-        parts += [vector, p2, p2]
-    return basix.ufl.mixed_element(parts)
+    special = {"u_g": vector, "u_s": vector, "p": p1}
+    return basix.ufl.mixed_element([special.get(name, p2) for name in names])
 
 
 class Section(Discretisation):
@@ -100,10 +108,8 @@ class Section(Discretisation):
     def __init__(
         self, mesh: Mesh, setup: Setup, progress: Callable[[str], None] = lambda text: None
     ) -> None:
-        with_solids = setup.solids is not None
-        element = _element(mesh.mesh, with_solids)
-        names = NAMES if with_solids else NAMES[:2]
-        super().__init__(mesh, element, names, setup.quadrature_degree)
+        element = _element(mesh.mesh, setup.names)
+        super().__init__(mesh, element, setup.names, setup.quadrature_degree)
         self.setup = setup
         self.idt = self._constant(0.0)
         self.drive = self._constant(0.0)
@@ -235,19 +241,27 @@ class Section(Discretisation):
         head = 0.1 * self.setup.gas.density * self.setup.gas_velocity**2
         scales = {"u_g": (speed,), "p": (head,), "u_s": (speed,)}
         scales |= {"q": (1.0, 1.0), "c": (0.2 * speed,)}
+        scales |= dict.fromkeys(SCALES, (1.0, 1.5))
         dofs = dict(zip(self.names, self._dofs, strict=True))
         return [Block(n, dofs[n], *scales[n], follows=n == "p") for n in self.names]
 
     # -- what others read ----------------------------------------------------------------------
 
     def fields(self) -> dict[str, fem.Function]:
-        """Fields for output: alpha_s, u_s, u_g, theta, pressure (in the section) at their nodes."""
+        """Fields for output at their nodes.
+
+        alpha_s, u_s, u_g, theta, pressure (in the section), and k, eps, k_s, eps_s where they are
+        transported.
+        """
         fields = {"u_g": self.unknown("u_g"), "pressure": self.unknown("p")}
         if self.setup.solids is not None:
             alpha, theta = self.unknown("q"), self.unknown("c")
             alpha.x.array[:] = self.setup.solids.packing_limit / (1 + np.exp(-alpha.x.array))
             theta.x.array[:] = self.setup.numerics.theta_floor + theta.x.array**2
             fields = {"alpha_s": alpha, "u_s": self.unknown("u_s"), **fields, "theta": theta}
+        for scale in (name for name in self.names if name in SCALES):
+            fields[SCALES[scale]] = found = self.unknown(scale)
+            found.x.array[:] = np.exp(found.x.array)
         for name, function in fields.items():
             function.name = name
         return fields

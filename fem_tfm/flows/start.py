@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import ufl
 from dolfinx import fem
 
+from fem_tfm.closures.turbulence import nikuradse
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.discretisation import Discretisation
 from fem_tfm.flows.section import Section
@@ -15,6 +18,8 @@ from fem_tfm.interpolation import Transfer
 # measured: a cold start is fastest with a fluctuation speed of about this fraction of U_g
 AGITATION_START = 0.016
 SOLIDS_START = 1.0
+# turbulence of gas and solids over U_g
+GAS_INTENSITY, SOLIDS_INTENSITY = 0.1, 0.05
 
 
 def _profile(section: Section) -> fem.Function:
@@ -61,7 +66,32 @@ def cold(section: Section) -> None:
         logit = float(np.log(alpha / (setup.solids.packing_limit - alpha)))
         for i, value in ((3, logit), (4, AGITATION_START * setup.gas_velocity)):
             section.now.x.array[section.space.sub(i).collapse()[1]] = value
+    length = nikuradse(section.model.stretch()[0], section.model.domain.radius)
+    speed = setup.gas_velocity
+    set_turbulence(section, length, (speed, GAS_INTENSITY), (speed, SOLIDS_INTENSITY))
     _strong_zero(section)
+
+
+def set_turbulence(
+    section: Section, length: Any, gas: tuple[float, float], solids: tuple[float, float]
+) -> None:
+    """Give the transported turbulence its estimates from a length of the eddies [m].
+
+    gas, solids : mean velocity [m/s] and intensity [-]
+    """
+
+    def numbers(values: tuple[float, float]) -> list[fem.Constant]:
+        return [fem.Constant(section.mesh.mesh, value) for value in values]
+
+    laws = section.model.closures
+    guess = laws.turbulence.estimate(*numbers(gas), length)
+    if section.setup.solids is not None:
+        guess |= laws.dispersed.estimate(*numbers(solids), length)
+    for name, value in guess.items():
+        space, dofs = section.space.sub(section.names.index(name)).collapse()
+        found = fem.Function(space)
+        found.interpolate(fem.Expression(value, space.element.interpolation_points))
+        section.now.x.array[dofs] = found.x.array
 
 
 def _set_axial(section: Section, i: int, values: np.ndarray) -> None:

@@ -22,6 +22,7 @@ UFL expressions, which is also how the manufactured solutions are made.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
@@ -30,9 +31,11 @@ import ufl
 from ufl.core.expr import Expr
 
 from fem_tfm.closures.base import Closure
+from fem_tfm.closures.dispersed import GasEddies, Grains
 from fem_tfm.closures.granular import Kinetic, algebraic_theta
 from fem_tfm.closures.materials import Gas, Solids
-from fem_tfm.closures.walls import WallState
+from fem_tfm.closures.turbulence import Balance, Eddies
+from fem_tfm.closures.walls import GasWallState, WallState
 from fem_tfm.models.axis import Axis
 
 
@@ -47,6 +50,8 @@ class ClosureSet:
     turbulence: Closure
     gas_wall: Closure
     solids_wall: Closure
+    dispersed: Closure
+    dispersion: Closure
     theta: str = "transport"
     friction_feeds_theta: bool = False
 
@@ -72,6 +77,8 @@ class Numerics:
     smallest_rate : added in quadrature to the rates of both [1/s]
     theta_floor : granular temperature that an unsheared plug keeps [m2/s2]
     slip_floor : added in quadrature to the slip speed in the drag [m/s]
+    grain_gap : height over which the drag fades to the wall [m], 0 for none
+    k_floor : turbulent energy that grains leave to the gas [m2/s2]
     shear_floor : added in quadrature to the gas shear rate in the eddy viscosity [1/s]
     wall_penalty : factor of the weak condition u.n = 0 [-]
     wall_speed : speed of the inertial share of that condition [m/s]
@@ -88,6 +95,8 @@ class Numerics:
     smallest_rate: Any
     theta_floor: Any
     slip_floor: Any
+    grain_gap: Any
+    k_floor: Any
     shear_floor: Any
     wall_penalty: Any
     wall_speed: Any
@@ -102,13 +111,20 @@ class Numerics:
 
 @dataclass(frozen=True)
 class State:
-    """Unknowns as UFL expressions; the gas alone has u_s = q = c = None."""
+    """Unknowns as UFL expressions; the gas alone has u_s = q = c = None.
+
+    ln_k, ln_eps of the gas and ln_k_s, ln_eps_s of the solids exist where a law transports them.
+    """
 
     u_g: Expr
     p: Expr
     u_s: Expr | None = None
     q: Expr | None = None
     c: Expr | None = None
+    ln_k: Expr | None = None
+    ln_eps: Expr | None = None
+    ln_k_s: Expr | None = None
+    ln_eps_s: Expr | None = None
 
 
 @dataclass(frozen=True)
@@ -148,6 +164,7 @@ class Solid:
     rate: Expr
     strain: Expr
     dilation: Expr
+    mu_t: Expr | float = 0.0
 
     @property
     def pressure(self) -> Expr:
@@ -156,8 +173,8 @@ class Solid:
 
     @property
     def viscosity(self) -> Expr:
-        """mu_s = mu_kinetic + mu_f [Pa s]."""
-        return self.kinetic.shear_viscosity + self.mu_f
+        """mu_s = mu_kinetic + mu_f + mu_t [Pa s]."""
+        return self.kinetic.shear_viscosity + self.mu_f + self.mu_t
 
     def stress(self) -> Expr:
         """sigma_s = (-p_s + lambda_s D) I + 2 mu_s S [Pa]."""
@@ -242,27 +259,91 @@ class TwoFluid:
         )
         shear = ufl.inner(strain, strain)
         friction = self.closures.friction.stress(alpha, theta, shear, dilation, self.solids)
-        return Solid(
+        found = Solid(
             alpha, theta, g0, kinetic, friction.pressure, friction.viscosity, rate, strain, dilation
         )
+        if not self.closures.dispersed.needs_k:
+            return found
+        gas, grains = self.gas_eddies(state), self.grains(state, found)
+        nu_t = self.closures.dispersed.viscosity(gas, grains)
+        return replace(found, mu_t=alpha * self.solids.density * nu_t)
 
     def drag(self, state: State) -> Expr:
-        """Drag coefficient beta [kg/m3/s] with the slip speed kept off zero."""
+        """Drag coefficient beta [kg/m3/s] with the slip speed kept off zero.
+
+        It fades as y'^2/(y'^2 + gap^2) next to the wall, which the grains' centres cannot reach.
+        """
+        return self.alpha(state) * self.specific_drag(state)
+
+    def specific_drag(self, state: State) -> Expr:
+        """beta/alpha_s [kg/m3/s]."""
+        slip, height = state.u_g - state.u_s, self.stretch()[0] ** 2
+        speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
+        share = height / (height + self.numerics.grain_gap**2)
+        alpha = self.alpha(state)
+        return share * self.closures.drag.specific(alpha, speed, self.gas, self.solids)
+
+    def stretch(self) -> tuple[Expr, Expr]:
+        """Height y' of the gas profile that a point carries [m], and dy'/dy."""
+        law = self.closures.gas_wall
+        return law.stretched(self.domain.wall_distance, self.domain.wall_offset)
+
+    def eddies(self, state: State) -> Eddies:
+        """What the gas's law of turbulence sees, in the coordinates of the stretched profile."""
+        rate = self.rate(state, "u_g")
+        return self._eddies(rate, state.ln_k, state.ln_eps, *self.stretch())
+
+    def _eddies(
+        self, rate: Expr, ln_k: Expr | None, ln_eps: Expr | None, height: Expr, slope: Expr
+    ) -> Eddies:
+        strain = deviatoric_strain(rate)
+        shear = 2 * ufl.inner(strain, strain) + self.numerics.shear_floor**2
+        found = Eddies(ufl.sqrt(shear) / slope, height, self.gas, self.domain.radius)
+        if ln_k is None:
+            return found
+        turn = (rate - rate.T) / 2
+        return replace(
+            found,
+            spin=ufl.sqrt(shear / 2 + ufl.inner(turn, turn)) / slope,
+            skewness=math.sqrt(6) * ufl.inner(strain * strain, strain) / (shear / 2) ** 1.5,
+            k=ufl.exp(ln_k),
+            eps=ufl.exp(ln_eps),
+        )
+
+    def gas_eddies(self, state: State) -> GasEddies:
+        """Gas turbulence as the grains meet it."""
+        eddies = self.eddies(state)
+        nu_t = self.closures.turbulence.viscosity(eddies) / self.gas.density
+        return GasEddies(eddies.k, eddies.eps, nu_t, self.gas.density, self.numerics.k_floor)
+
+    def grains(self, state: State, solid: Solid) -> Grains:
+        """What the laws of dispersed turbulence see of the solids."""
         slip = state.u_g - state.u_s
         speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
-        return self.closures.drag.beta(self.alpha(state), speed, self.gas, self.solids)
+        # grad(alpha)/alpha of the logit
+        along = self.axis.change(lambda s: s.q, state)
+        logit = self.axis.gradient(state.q) + along * AXIAL
+        crowding = (1 - solid.alpha / self.solids.packing_limit) * logit
+        eddies = None
+        if state.ln_k_s is not None:
+            height = self.domain.wall_distance
+            eddies = self._eddies(solid.rate, state.ln_k_s, state.ln_eps_s, height, 1.0)
+        return Grains(
+            alpha=solid.alpha,
+            theta=solid.theta,
+            g0=solid.g0,
+            specific=self.specific_drag(state),
+            slip=speed,
+            drift=-ufl.inner(slip, crowding),
+            solids=self.solids,
+            viscosity=solid.kinetic.shear_viscosity / (solid.alpha * self.solids.density),
+            eddies=eddies,
+        )
 
     def gas_viscosity(self, state: State) -> Expr:
         """mu_g,eff = mu_g + mu_t [Pa s], of the stretched profile where a wall law stretches it."""
-        strain = deviatoric_strain(self.rate(state, "u_g"))
-        shear = ufl.sqrt(2 * ufl.inner(strain, strain) + self.numerics.shear_floor**2)
-        height, slope = self.closures.gas_wall.stretched(
-            self.domain.wall_distance, self.domain.wall_offset
-        )
-        mu_t = self.closures.turbulence.eddy_viscosity(
-            shear / slope, height, self.gas, self.domain.radius
-        )
-        return (self.gas.viscosity + mu_t) / slope
+        mu_t = self.closures.turbulence.viscosity(self.eddies(state))
+        return (self.gas.viscosity + mu_t) / self.stretch()[1]
 
     def numerical_flux(self, state: State) -> Expr:
         """Volume flux of the solids by the diffusion of q [m/s].
@@ -272,6 +353,7 @@ class TwoFluid:
         alpha = self.alpha(state)
         rate = ufl.inner(self.axis.gradient(alpha), state.u_s)
         rate += alpha * ufl.tr(self.axis.jacobian(state.u_s))
+        rate += self.axis.change(lambda s: self.alpha(s) * s.u_s[2], state)
         capture = self.numerics.capture * self.domain.cell_area * self.bounded(rate**2)
         return -(self.numerics.alpha_diffusion + capture) * self.axis.gradient(state.q)
 
@@ -401,18 +483,88 @@ class TwoFluid:
             self.drag(state),
         )
 
+    def gas_turbulence(self, now: State, old: State, test: State, idt: Any) -> ufl.Form:
+        """Transport of the logarithms of the gas's turbulence, each balance over its scale X.
+
+        ::
+
+            a rho (dx/dt + u.grad x) = div(a rho D grad x) + a rho D |grad x|^2 + a rho rate
+
+        with x = ln X.
+        """
+        law, eddies, gain = self.closures.turbulence, self.eddies(now), 0.0
+        mass, slope = (1 - self.alpha(now)) * self.gas.density, self.stretch()[1]
+        if self.solids is not None and self.closures.dispersed.needs_k:
+            grains = self.grains(now, self.solid(now))
+            gain = self.closures.dispersed.gain(self.gas_eddies(now), grains)
+        held, form = law.wall_values(eddies), ufl.Form([])
+        for name, balance in law.balances(eddies, gain).items():
+            form += self.logarithm(name, "u_g", now, old, test, mass, balance, slope, idt)
+            if name in held:
+                x, w = getattr(now, name), getattr(test, name)
+                stiff = mass * balance.diffusivity / (slope * self.domain.wall_cell)
+                penalty = self.numerics.wall_penalty * stiff
+                form += penalty * (x - held[name]) * w * self.domain.ds_wall
+        return form
+
+    def solids_turbulence(self, now: State, old: State, test: State, idt: Any) -> ufl.Form:
+        """Transport of the logarithms of the solids' turbulence, in the manner of the gas's."""
+        law, solid = self.closures.dispersed, self.solid(now)
+        mass, form = solid.alpha * self.solids.density, ufl.Form([])
+        balances = law.balances(self.gas_eddies(now), self.grains(now, solid))
+        for name, balance in balances.items():
+            form += self.logarithm(name, "u_s", now, old, test, mass, balance, 1.0, idt)
+        return form
+
+    def dispersion(self, now: State, v: Expr) -> Expr:
+        """Turbulent dispersion tested with v, beta D (grad a/a - grad a_g/a_g).v, on the left."""
+        solid = self.solid(now)
+        grains = self.grains(now, solid)
+        spread = self.closures.dispersion.diffusivity(self.gas_eddies(now), grains)
+        crowding = (1 - solid.alpha / self.solids.packing_limit) * self.axis.gradient(now.q)
+        force = grains.specific * solid.alpha * spread / (1 - solid.alpha) * crowding
+        return ufl.inner(force, v) * self.domain.dx
+
+    def logarithm(
+        self,
+        name: str,
+        phase: str,
+        now: State,
+        old: State,
+        test: State,
+        mass: Expr,
+        balance: Balance,
+        slope: Expr,
+        idt: Any,
+    ) -> ufl.Form:
+        """Transport of x = ln X by "u_g" or "u_s", `mass` = a rho, in stretched coordinates."""
+        x, x0, w = (getattr(state, name) for state in (now, old, test))
+        u, along = getattr(now, phase), self.axis.change(lambda s: getattr(s, name), now)
+        grad, spread = self.axis.gradient(x), balance.diffusivity / slope
+        change = idt * (x - x0) + ufl.inner(u, grad) + u[2] * along
+        growth = spread * ufl.inner(grad, grad) + slope * balance.rate
+        flux = mass * spread * grad
+        return (
+            mass * (change - growth) * w + ufl.inner(flux, self.axis.gradient(w))
+        ) * self.domain.dx
+
     def residual(
         self, now: State, old: State, test: State, idt: Any, drive: Any, source: Any
     ) -> ufl.Form:
         """Sum of all balances; `idt` = 1/dt [1/s], `drive` = G [Pa/m], `source` [1/s]."""
         form = self.gas_momentum(now, old, test.u_g, idt, drive) + self.mixture_mass(now, test.p)
+        if self.closures.turbulence.transported:
+            form += self.gas_turbulence(now, old, test, idt)
         if self.solids is None:
             return form
+        if self.closures.dispersion.name != "none":
+            form += self.dispersion(now, test.u_s - test.u_g)
         return (
             form
             + self.solids_momentum(now, old, test.u_s, idt, drive)
             + self.solids_mass(now, old, test.q, idt, source)
             + self.granular_energy(now, old, test.c, idt)
+            + self.solids_turbulence(now, old, test, idt)
         )
 
     # -- walls ---------------------------------------------------------------------------------
@@ -440,7 +592,8 @@ class TwoFluid:
         speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
         law = self.closures.gas_wall
         height = law.height(self.domain.wall_offset, self.domain.diameter)
-        return law.friction(speed, height, self.gas) * slip
+        k = None if state.ln_k is None else ufl.exp(state.ln_k)
+        return law.coefficient(GasWallState(speed, height, self.gas, k)) * slip
 
     def wall_terms(
         self, u: Expr, v: Expr, traction: Expr, stress: Expr, viscosity: Expr, density: Expr

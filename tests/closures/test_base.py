@@ -29,7 +29,9 @@ EXPECTED = {
     "granular": "garzo-dufty gidaspow hrenya-sinclair lun syamlal-obrien",
     "radial": "carnahan-starling lun-savage ma-ahmadi savage sinclair-jackson",
     "solids-wall": "coulomb free-slip johnson-jackson no-slip schneiderbauer",
-    "turbulence": "laminar mixing-length",
+    "turbulence": "laminar mixing-length k-epsilon realizable",
+    "dispersed": "none simonin k-epsilon",
+    "dispersion": "none burns simonin",
 }
 
 

@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 
 from fem_tfm.closures import make, names
 from fem_tfm.closures.materials import Gas
+from fem_tfm.closures.turbulence import Eddies
 
 WALL_UNITS = Gas(1.0, 1.0)
 
@@ -67,7 +68,10 @@ def test_eddy_viscosity_far_from_the_wall(agree, air):
     assert mu_t == pytest.approx(1.2 * 0.058125**2 * 1e4, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", names("turbulence"))
+ALGEBRAIC = [n for n in names("turbulence") if not make("turbulence", n).transported]
+
+
+@pytest.mark.parametrize("name", ALGEBRAIC)
 def test_finite_positive_and_differentiable(agree, smooth, name, nitrogen):
     law = make("turbulence", name)
 
@@ -79,6 +83,12 @@ def test_finite_positive_and_differentiable(agree, smooth, name, nitrogen):
             assert agree(viscosity, strain, distance) >= 0
             smooth(viscosity, [strain, distance])
     smooth(viscosity, [500.0, 1e-3], difference=True)
+
+
+def test_algebraic_laws_see_strain_and_distance(nitrogen):
+    law, eddies = make("turbulence", "mixing-length"), Eddies(500.0, 1e-3, nitrogen, 5e-3)
+    assert law.viscosity(eddies) == law.eddy_viscosity(500.0, 1e-3, nitrogen, 5e-3)
+    assert law.balances(eddies, 0.0) == law.wall_values(eddies) == law.estimate(1.0, 1.0, 1.0) == {}
 
 
 def test_laminar_gas_has_no_eddies(air):

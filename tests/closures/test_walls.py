@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fem_tfm.closures import make, names
-from fem_tfm.closures.walls import WallState
+from fem_tfm.closures.walls import GasWallState, WallState
 
 SOLIDS_LAWS = names("solids-wall")
 GAS_LAWS = names("gas-wall")
@@ -257,3 +257,27 @@ def test_height_of_the_log_law_makes_up_for_the_flux_of_the_strip():
     assert drop == pytest.approx(excess, rel=0.15)
     viscous = np.mean(stretched - y) * 3 * offset * 4 / diameter
     assert offset - law.height(offset, diameter) == pytest.approx(viscous, rel=0.25)
+
+
+# -- log law by the turbulent energy ------------------------------------------------------------
+
+
+def test_energy_log_law_is_the_log_law_in_equilibrium(nitrogen):
+    """k = u_tau^2/0.3 gives tau = rho u_tau^2 where the velocity is u_tau ln(E y+)/kappa."""
+    law, u_tau, y = make("gas-wall", "log-law-k"), 0.3, 2e-4
+    y_plus = 33.5 * u_tau * y / 1.8e-5
+    speed = u_tau * math.log(9.8 * y_plus) / 0.41
+    traction = law.coefficient(GasWallState(speed, y, nitrogen, u_tau**2 / 0.3)) * speed
+    assert traction == pytest.approx(33.5 * u_tau**2, rel=5e-3)
+
+
+def test_energy_log_law_without_turbulence_is_viscous(agree, smooth, nitrogen):
+    law = make("gas-wall", "log-law-k")
+
+    def coefficient(k, y):
+        return law.coefficient(GasWallState(5.0, y, nitrogen, k))
+
+    assert agree(coefficient, 1e-12, 1e-4) == pytest.approx(1.8e-5 / 1e-4)
+    smooth(coefficient, [1e-8, 1e-4])
+    smooth(coefficient, [0.3, 1e-4], difference=True)
+    assert law.height(1e-4, 0.01) == pytest.approx(1e-4 / 1.16)

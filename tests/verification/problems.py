@@ -142,6 +142,8 @@ def plain_numerics(**changes: float) -> Numerics:
         "smallest_rate": 0.1,
         "theta_floor": 0.01,
         "slip_floor": 0.1,
+        "grain_gap": 0.0,
+        "k_floor": 0.02,
         "shear_floor": 0.1,
         "wall_penalty": 3.0,
         "wall_speed": 0.5,
