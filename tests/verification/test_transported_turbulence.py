@@ -126,7 +126,7 @@ def state_of(m: Any, x: Any, shift: float, vector: Any) -> State:
         p=0 * a,
         u_s=vector((0.3 * m.cos(a - b), 0.5 * m.sin(a * b + 0.3), 0.6 + 0.4 * a - m.sin(b) ** 2)),
         q=0.8 - 1.5 * b + 0.4 * m.cos(2 * a),
-        tau=-0.7 + 0.5 * m.sin(a + 2 * b),
+        c=0.7 + 0.2 * m.sin(a + 2 * b),
         ln_k=-0.3 + 0.4 * m.sin(2 * a - b),
         ln_eps=0.2 + 0.5 * m.cos(a + b),
         ln_k_s=-0.6 + 0.3 * m.sin(a - 2 * b),
@@ -174,7 +174,7 @@ class Strong:
         def fraction(p: np.ndarray) -> np.ndarray:
             return SOLIDS.packing_limit / (1 + np.exp(-self.field("q")(p)))
 
-        alpha, theta = fraction(x), np.exp(self.field("tau")(x))
+        alpha, theta = fraction(x), self.numerics.theta_floor + self.field("c")(x) ** 2
         slip = u_g(x) - u_s(x)
         speed = np.sqrt((slip**2).sum(0) + self.numerics.slip_floor**2)
         g0 = laws.radial.g0(alpha, SOLIDS)
