@@ -17,6 +17,7 @@ from fem_tfm import Case
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import dense, developing
 from fem_tfm.flows.station import Station
+from fem_tfm.interpolation import point_values
 from fem_tfm.output import checkpoint
 from fem_tfm.output.result import Result
 
@@ -29,6 +30,7 @@ COARSE = {
     "numerics.mesh_size": 2.5e-3,
 }
 EXACT = 1e-10
+FOUR = {"closures__turbulence": "realizable-4eq"}
 
 
 def gas(reynolds: float, length: float, **tables: Any) -> Case:
@@ -92,14 +94,29 @@ def test_laminar_entrance_is_in_balance() -> None:
 # -- turbulent gas -----------------------------------------------------------------------------
 
 
-def test_turbulent_gas_ends_on_the_developed_friction() -> None:
+@pytest.mark.parametrize("law", ["mixing-length", "k-epsilon"])
+def test_turbulent_gas_ends_on_the_developed_friction(law: str) -> None:
     """From the 1/7 power to the friction of a smooth pipe, within 3 % of Prandtl-Karman."""
-    line = developing.solve(gas(1e5, 100.0, numerics={"level": 1}))
+    laws = {"turbulence": law}
+    line = developing.solve(gas(1e5, 100.0, closures=laws, numerics={"level": 1}))
     found = line.quantities()
     friction = 2 * SIZE * found["pressure_gradient"] / (DENSITY * VELOCITY**2)
     assert friction == pytest.approx(prandtl_karman(1e5), rel=0.03)
     assert 0 < found["development_length"] < 90 * SIZE
     assert max(line.balances().values()) < EXACT
+
+
+def test_turbulence_decays_as_behind_a_grid() -> None:
+    """k/k_0 = [1 + (C_2 - 1) eps_0 z/(u k_0)]^(-1/(C_2 - 1)) on the axis of a uniform stream."""
+    diameters, intensity, scale = 2.0, 0.1, 0.02
+    inlet = {"profile": "uniform", "gas_intensity": intensity, "length_scale": scale}
+    parts = {"closures": {"turbulence": "k-epsilon"}, "numerics": {"level": 1}}
+    station = developing.solve(gas(1e5, diameters, inlet=inlet, **parts)).station
+    k = point_values(station.fields()["k"], np.zeros((1, 2)))[0]
+    k_0 = 1.5 * (intensity * VELOCITY) ** 2
+    turns = 0.09**0.75 * np.sqrt(k_0) / scale * diameters / VELOCITY
+    assert turns > 1.9
+    assert k == pytest.approx(k_0 * (1 + 0.92 * turns) ** (-1 / 0.92), rel=0.02)
 
 
 # -- dense flow --------------------------------------------------------------------------------
@@ -137,6 +154,19 @@ def test_what_enters_is_what_was_given() -> None:
     # the mean of the power law is 49/60; the coarse mesh knows it to 3 %
     assert ratio.mean() == pytest.approx(60 / 49 * 6.09, rel=0.03)
     assert abs(speed[:, :2]).max() == 0
+
+
+def test_turbulence_that_enters() -> None:
+    """k = 3/2 (I u)^2 and eps = C_mu^0.75 k^1.5/l of both phases, at their mean velocities."""
+    case = line(**FOUR, inlet__gas_intensity=0.08, inlet__length_scale=0.05)
+    start = developing.Line(case, dense.meshes(case)[-1]())
+    start.begin()
+    found = start.station.fields()
+    for phase, speed, intensity in (("", 6.43 / (1 - 0.245), 0.08), ("_s", 6.09, 0.05)):
+        k = 1.5 * (intensity * speed) ** 2
+        wanted = {"k": k, "eps": 0.09**0.75 * k**1.5 / 5e-4}
+        for name, value in wanted.items():
+            assert found[name + phase].x.array == pytest.approx(value, rel=1e-12), name + phase
 
 
 def test_fluxes_are_kept_from_station_to_station() -> None:
@@ -189,9 +219,10 @@ def test_the_developed_section_is_a_station_like_the_ones_before() -> None:
     assert update.size < 1e-6
 
 
-def test_jacobian_of_a_station() -> None:
+@pytest.mark.parametrize("chosen", [{}, FOUR], ids=["mixing-length", "four-equation"])
+def test_jacobian_of_a_station(chosen: dict[str, Any]) -> None:
     """Against finite differences in a random direction, with stations that differ."""
-    case = line()
+    case = line(**chosen)
     start = developing.Line(case, dense.meshes(case)[-1]())
     start.begin()
     station, random = start.station, np.random.default_rng(1)
@@ -236,9 +267,10 @@ class Stopper(developing.Observer):
             raise KeyboardInterrupt
 
 
-def test_a_resumed_line_is_the_same(tmp_path: Path) -> None:
+@pytest.mark.parametrize("chosen", [{}, FOUR], ids=["mixing-length", "four-equation"])
+def test_a_resumed_line_is_the_same(tmp_path: Path, chosen: dict[str, Any]) -> None:
     """To the last digit: both stations, the sums and the step are kept."""
-    case = line(geometry__length=0.005)
+    case = line(geometry__length=0.005, **chosen)
     whole = developing.solve(case)
     with pytest.raises(KeyboardInterrupt):
         developing.solve(case, Stopper(tmp_path, 9))
@@ -310,15 +342,29 @@ def test_a_run_writes_its_axis(tmp_path: Path) -> None:
 
 
 @pytest.mark.mpi
-def test_ranks_agree_on_a_line() -> None:
+@pytest.mark.parametrize("chosen", [{}, FOUR], ids=["mixing-length", "four-equation"])
+def test_ranks_agree_on_a_line(chosen: dict[str, Any]) -> None:
     """All ranks together and each alone find the same end of a short line."""
-    case = line(geometry__length=0.001)
+    case = line(geometry__length=0.001, **chosen)
     together = developing.solve(case).quantities()
     alone = developing.Line(case, dense.meshes(case, MPI.COMM_SELF)[-1]())
     alone.begin()
     alone.march(developing.QUIET)
     for name, value in alone.quantities().items():
         assert together[name] == pytest.approx(value, rel=1e-8), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", ["k-epsilon", "realizable-4eq"])
+def test_a_line_with_transported_turbulence_ends_on_the_developed_section(law: str) -> None:
+    """Gradient and hold-up of the section with the same fluxes."""
+    long = line(closures__turbulence=law, geometry__length=8.0, numerics__axial_step=0.4)
+    found = developing.solve(long)
+    case = problems.demo(COARSE | {"solution": "developed", "closures.turbulence": law})
+    wanted = dense.quantities(problems.solved(case, 1 / 4), 1.0)
+    for name in ("pressure_gradient", "holdup"):
+        assert found.quantities()[name] == pytest.approx(wanted[name], rel=1e-3), name
+    assert max(found.balances().values()) < EXACT
 
 
 @pytest.mark.slow
