@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 COARSEST = 0.25
 # regularisations in units of U_g and D; their effect on the pressure gradient is in docs/dense.md
 ALPHA_DIFFUSION, SLIP_FLOOR, SHEAR_FLOOR, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 1e-4, 1e-3, 0.1, 1e-8
-WALL_PENALTY, SMOOTHING, SMALLEST_RATE, K_FLOOR = 200.0, 0.05, 1e-6, 2.5e-4
+WALL_PENALTY, SMOOTHING, SMALLEST_RATE, K_FLOOR = 200.0, 0.05, 1e-4, 2.5e-4
 # a state that breaks a balance by more is no answer
 BALANCE_ERROR = 1e-6
 

@@ -40,8 +40,8 @@ class Discretisation:
         self._numbers: list[fem.Constant] = []
         self._integrals: dict[str, fem.Form] = {}
         self._dofs = [self._sub_dofs(i) for i in range(len(self.names))]
-        # what carries each unknown here from another mesh, by that mesh's discretisation
-        self.carriers: WeakKeyDictionary[Discretisation, dict[int, Any]] = WeakKeyDictionary()
+        # what carries the unknowns here from another mesh again and again, by its discretisation
+        self.carriers: WeakKeyDictionary[Discretisation, list[Any]] = WeakKeyDictionary()
 
     # -- numbers in forms ----------------------------------------------------------------------
 

@@ -122,10 +122,12 @@ def follow(section: Section, source: Section, before: np.ndarray) -> None:
     """
     after = source.now.x.array.copy()
     state = section.now.x.array.copy()
-    source.now.x.array[:] = after - before
-    for i in range(len(section.names)):
-        transfer_field(source, section, i)
-    source.now.x.array[:] = after
+    if source not in section.carriers:
+        # kept, for a sweep follows again and again; a start on a new mesh happens once
+        numbers = range(len(section.names))
+        section.carriers[source] = [Carrier(source, section, i) for i in numbers]
+    for carrier in section.carriers[source]:
+        carrier.carry(after - before, section.now.x.array)
     section.now.x.array[:] += state
     section.drive.value = float(source.drive.value)
     section.source.value = float(source.source.value)
@@ -151,7 +153,4 @@ class Carrier:
 
 def transfer_field(source: Discretisation, target: Discretisation, i: int) -> None:
     """Carry unknown number i from one mesh to another."""
-    carriers = target.carriers.setdefault(source, {})
-    if i not in carriers:
-        carriers[i] = Carrier(source, target, i)
-    carriers[i].carry(source.now.x.array, target.now.x.array)
+    Carrier(source, target, i).carry(source.now.x.array, target.now.x.array)

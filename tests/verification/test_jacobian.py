@@ -131,7 +131,7 @@ def compare(found: Section, name: str) -> dict[str, float]:
     """Relative difference of each block in the columns of one field; no entry where it is zero."""
     linear, errors = Linear(found), {}
     along, scale = linear.direction(name, 7)
-    exact, approximate = linear.matrix() @ along, linear.difference(along, 1e-4 * scale)
+    exact, approximate = linear.matrix() @ along, linear.difference(along, 1e-6 * scale)
     for row in found.names:
         there, seen = exact[linear.rows(row)], approximate[linear.rows(row)]
         size = np.linalg.norm(there)
