@@ -4,7 +4,9 @@
 from __future__ import annotations
 
 import copy
+import gc
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,8 @@ import pytest
 from mpi4py import MPI
 
 import fem_tfm  # noqa: F401  (loads MPI and PETSc in the order they need)
+
+from petsc4py import PETSc  # isort: skip
 
 RANK = MPI.COMM_WORLD.rank
 ROOT = Path(__file__).parent.parent
@@ -35,6 +39,17 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     """Failures on another rank are shown all the same."""
     if RANK > 0 and report.failed:
         print(f"rank {RANK}: {report.nodeid}\n{report.longreprtext}", file=sys.stderr, flush=True)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def freed(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Give back what the tests of a module share: MPI has some two thousand communicators."""
+    yield
+    for shared in vars(request.module).values():
+        if hasattr(shared, "cache_clear"):
+            shared.cache_clear()
+    gc.collect()
+    PETSc.garbage_cleanup()
 
 
 @pytest.fixture

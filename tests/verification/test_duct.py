@@ -4,15 +4,12 @@
 from __future__ import annotations
 
 import functools
-import gc
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 import pytest
 from mpi4py import MPI
-from petsc4py import PETSc
 
 from fem_tfm import Case, sweep
 from fem_tfm.correlations import gnielinski, jones_friction, smooth_friction
@@ -48,16 +45,6 @@ def told(**changes: Any) -> dict[str, float]:
     section = solved(**changes).section
     duct.check_realisable(section)
     return duct.quantities(section, 1.2, 16.0)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def freed() -> Iterator[None]:
-    """Give back what the tests share: MPI has no more than some two thousand communicators."""
-    yield
-    for shared in (solved, told, marched):
-        shared.cache_clear()
-    gc.collect()
-    PETSc.garbage_cleanup()
 
 
 # -- the developed section ---------------------------------------------------------------------
