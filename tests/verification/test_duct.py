@@ -263,6 +263,7 @@ def marched(length: float, size: float) -> duct_developing.DuctLine:
         solution="developing",
         geometry__length=length,
         numerics__mesh_size=size,
+        inlet={"gas_intensity": 0.05},
         heat={"wall": "temperature", "wall_temperature": 350.0},
     )
     return duct_developing.solve(given)
