@@ -338,8 +338,8 @@ def advice(case: Case) -> list[str]:
 # -- the run -----------------------------------------------------------------------------------
 
 FILES = (
-    "result.json", "monitor.csv", "run.log", "profiles.csv", "profiles.png", "section.png",
-    "fields.xdmf", "fields.h5",
+    "result.json", "report.html", "monitor.csv", "run.log", "profiles.csv", "profiles.png",
+    "section.png", "fields.xdmf", "fields.h5",
 )  # fmt: skip
 COLUMNS = {
     "step": "",

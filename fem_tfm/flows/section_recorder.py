@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from fem_tfm.progress import Progress
 
 
-class SectionRecorder(Recorder, developed.Observer):
+class SectionRecorder(Recorder, developed.Observer, ABC):
     """What a run tells and keeps while it works: progress, monitor.csv, checkpoint.
 
     Parameters
@@ -114,10 +115,10 @@ class SectionRecorder(Recorder, developed.Observer):
 
         return int(numbers["level"]), restore
 
+    @abstractmethod
     def signs(self, section: Any) -> dict[str, float]:
         """What shows that a state goes astray."""
-        raise NotImplementedError
 
+    @abstractmethod
     def multipliers(self, section: Any) -> dict[str, Any]:
         """Constants that belong to the state."""
-        raise NotImplementedError
