@@ -246,7 +246,7 @@ def advice(case: Case) -> list[str]:
     if laws.turbulence.name != "laminar" and case.walls.gas.name == "no-slip":
         said.append(
             "a turbulent gas with walls.gas = 'no-slip' needs cells of a few viscous lengths at the"
-            " wall; 'log-law' does not"
+            " wall; 'low-reynolds' makes them and 'log-law' does without"
         )
     return said
 
