@@ -37,8 +37,8 @@ from fem_tfm.closures.turbulence import Balance, Eddies, Turbulence, nikuradse
 C_MU = 0.09
 # slope of Nikuradse's mixing length at the wall
 NEAR_WALL = 0.4
-# Re_y at which the wall's length scale gives way
-SWITCH = 200.0
+# Re_y at which the wall's length scale gives way, and over which it does
+SWITCH, WIDTH = 200.0, 10.0
 # logarithm of the largest eddies over those of the wall's length scale
 LARGEST = 1.0
 # keeps the ratio of two exponentials finite on the wall itself
@@ -60,7 +60,6 @@ class TwoEquation(Turbulence):
 
     kappa: float = parameter(0.41, "-", "von Karman constant of the wall's length scale", gt=0)
     A: float = parameter(70.0, "-", "damping of mu_t next to the wall", gt=0)
-    width: float = parameter(10.0, "-", "Re_y over which the wall's length scale gives way", gt=0)
     hold: float = parameter(20.0, "-", "strength of the wall's length scale", ge=0)
     C_3: float = parameter(1.3, "-", "share of the gain from grains in the eps equation", ge=0)
 
@@ -83,7 +82,7 @@ class TwoEquation(Turbulence):
 
     def outer(self, eddies: Eddies) -> Value:
         """Share b of the outer flow [-]."""
-        return (1 + tanh((self.reynolds(eddies) - SWITCH) / self.width)) / 2
+        return (1 + tanh((self.reynolds(eddies) - SWITCH) / WIDTH)) / 2
 
     def _c_l(self) -> Value:
         return self.kappa / C_MU**0.75
