@@ -278,6 +278,8 @@ KINDS = {
 
 # default distance of a duct's wall function in wall units, and its least share of D_h
 WALL_PLUS, SMALLEST_DISTANCE = 40.0, 0.004
+# the same of a wall that the mesh resolves, and the least Reynolds number that it is made for
+SUBLAYER_PLUS, SLOWEST = 2.0, 4e3
 
 LIMITS = {"gt": "above", "ge": "at least", "lt": "below", "le": "at most"}
 
@@ -516,7 +518,8 @@ class Case(Table):
                     raise InputError(key, law.name, allowed)
         elif walls.gas.strong:
             allowed = (
-                f"'log-law' or 'log-law-k' with closures.turbulence = {laws.turbulence.name!r}"
+                f"'log-law', 'log-law-k' or 'low-reynolds' with closures.turbulence ="
+                f" {laws.turbulence.name!r}"
             )
             raise InputError("walls.gas", walls.gas.name, allowed)
         return self
@@ -640,18 +643,22 @@ class Case(Table):
     def wall_distance(self) -> float:
         """Distance y_p at which the wall law of the gas holds [m].
 
-        1 % of the hydraulic diameter by default; for a duct y+ = 40, and at least 0.4 % of it.
+        1 % of the hydraulic diameter by default; y+ = 2 where the mesh resolves the sublayer; for a
+        duct y+ = 40, and at least 0.4 % of the diameter.
         """
         if self.walls.distance:
             return self.walls.distance
         width = self.geometry.hydraulic_diameter
-        if self.flow == "dense":
+        if self.flow == "dense" and not self.walls.gas.resolved:
             return 0.01 * width
         from fem_tfm.correlations import friction_velocity
 
         viscosity = self.gas.gas_viscosity / self.gas.gas_density
-        u_tau = friction_velocity(self.operation.gas_superficial_velocity, width, viscosity)
-        return max(WALL_PLUS * viscosity / u_tau, SMALLEST_DISTANCE * width)
+        speed = max(self.operation.gas_superficial_velocity, SLOWEST * viscosity / width)
+        unit = viscosity / friction_velocity(speed, width, viscosity)
+        if self.flow == "dense":
+            return SUBLAYER_PLUS * unit
+        return max(WALL_PLUS * unit, SMALLEST_DISTANCE * width)
 
     @property
     def reynolds(self) -> float:

@@ -430,8 +430,12 @@ def geometry_of(case: Any) -> Geometry:
 
 def resolution_of(case: Any) -> dict[str, Any]:
     """Keyword arguments `level`, `size`, `wall_ratio`, `cells` of section() from a case."""
-    given = case.numerics
-    ratio = WALL_RATIO if given.wall_grading is None else given.wall_grading
+    given, ratio = case.numerics, case.numerics.wall_grading
+    if ratio is None:
+        ratio = WALL_RATIO
+        if case.flow == "dense" and case.walls.gas.resolved:
+            core = Resolution(given.level, given.mesh_size).core_size(geometry_of(case))
+            ratio = min(ratio, max(case.wall_distance / core, SMALLEST_RATIO))
     return {
         "level": given.level,
         "size": given.mesh_size,

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Warnings about cases that were probably not meant, and what `check` tells."""
 
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from fem_tfm.case import Case
+from fem_tfm.correlations import friction_velocity
 from fem_tfm.flows import describe
-from fem_tfm.flows.dense import advice
+from fem_tfm.flows.dense import advice, mesh_sizes
+from fem_tfm.mesh import WALL_RATIO, resolution_of
 
 
 @pytest.fixture
@@ -45,3 +48,23 @@ def test_describe_tells_what_is_solved_and_skipped(demo: Case) -> None:
     assert "320 cells" in told["finest_mesh"]
     assert any("mirror" in line for line in told["skipped"])
     assert "friction: berzi" in told["closures"]
+
+
+def test_transported_turbulence_is_told_to_cost_more(demo: Case) -> None:
+    """Four more unknowns take longer to solve for and to compile."""
+    four = demo.with_values({"closures.turbulence": "realizable-4eq"})
+    seconds = [[int(n) for n in re.findall(r"(\d+) s", describe(c)["time"])] for c in (demo, four)]
+    assert [len(s) for s in seconds] == [2, 2]
+    assert seconds[1][0] > 2 * seconds[0][0]
+    assert seconds[1][1] > 2 * seconds[0][1]
+
+
+def test_a_resolved_wall_chooses_its_distance_and_cells(demo: Case) -> None:
+    """y+ = 2 of the gas alone, by the distance and by the height of the wall cell."""
+    case = demo.with_values({"walls.gas": "low-reynolds"})
+    viscosity = case.gas.gas_viscosity / case.gas.gas_density
+    unit = viscosity / friction_velocity(6.43, 0.01, viscosity)
+    assert case.wall_distance == pytest.approx(2 * unit)
+    core = mesh_sizes(case)[-1]
+    assert resolution_of(case)["wall_ratio"] * core == pytest.approx(2 * unit)
+    assert resolution_of(demo)["wall_ratio"] == WALL_RATIO

@@ -96,10 +96,12 @@ class GasWall(Closure):
     """Interface of a wall law of the gas.
 
     needs_k : it asks for a turbulence that transports k
+    resolved : the mesh reaches into the viscous sublayer
     """
 
     strong: ClassVar[bool] = False
     needs_k: ClassVar[bool] = False
+    resolved: ClassVar[bool] = False
 
     def coefficient(self, state: GasWallState) -> Value:
         """Coefficient c [Pa s/m] of the traction -c u_t."""
@@ -119,6 +121,29 @@ class GasWall(Closure):
     def height(self, offset: Value, diameter: Value) -> Value:
         """Height [m] at which the law is evaluated for the gas on the wall."""
         return offset
+
+
+class OffsetWall(GasWall):
+    """A law of the velocity U at a height, carried to the wall of the mesh.
+
+    The gas on the wall of the mesh has the velocity U(h) of the law. Over a strip of three y_p the
+    profile is stretched so that it is U(y) itself beyond the strip, whatever y_p::
+
+        V(y) = U(y'),  y' = y + y_p (1 - y/(3 y_p))^2 within the strip,  h = y_p/(1 + 5 y_p/D)
+
+    U'(y') (mu_g + mu_t(y')) is then the stress of V' = U' dy'/dy. h makes up for the flux that the
+    strip adds to a pipe: 4 y_p^2/D of the shear rate in viscous, 5.5 u_tau y_p/(kappa D) in
+    logarithmic flow.
+    """
+
+    def stretched(self, distance: Value, offset: Value) -> tuple[Value, Value]:
+        """y' = y + y_p (1 - y/(3 y_p))^2 within three y_p of the wall [m], and dy'/dy."""
+        rest = maximum(1 - distance / (STRIP * offset), 0.0)
+        return distance + offset * rest**2, 1 - 2 / STRIP * rest
+
+    def height(self, offset: Value, diameter: Value) -> Value:
+        """h = y_p/(1 + 5 y_p/D) [m]."""
+        return offset / (1 + STRIP_FLUX * offset / diameter)
 
 
 def _slip_floor() -> Any:
@@ -294,7 +319,7 @@ class SolidsNoSlip(SolidsWall):
 
 @register("gas-wall", "log-law")
 @dataclass(frozen=True)
-class LogLaw(GasWall):
+class LogLaw(OffsetWall):
     """Logarithmic law of a smooth wall, explicit and valid down to the viscous sublayer.
 
         viscous:  u+ = y+               =>  u+ = sqrt(Re_p),          Re_p = rho_g u y/mu_g
@@ -304,14 +329,7 @@ class LogLaw(GasWall):
     W is the Lambert function. Its argument carries Re_p + exp(-Re_p) for Re_p, so that the log
     branch does not undercut the viscous one below y+ = 0.1 and c -> mu_g/y as u -> 0.
 
-    The mesh reaches the wall, where the gas carries the velocity U(h) of the law. Over a strip of
-    three y_p the profile is stretched so that it is U(y) itself beyond the strip, whatever y_p::
-
-        V(y) = U(y'),  y' = y + y_p (1 - y/(3 y_p))^2 within the strip,  h = y_p/(1 + 5 y_p/D)
-
-    U'(y') (mu_g + mu_t(y')) is then the stress of V' = U' dy'/dy. h makes up for the flux that the
-    strip adds to a pipe: 4 y_p^2/D of the shear rate in viscous, 5.5 u_tau y_p/(kappa D) in
-    logarithmic flow. n = 4.5 is the blend that agrees best with the mixing length.
+    n = 4.5 is the blend that agrees best with the mixing length.
 
     Validity: attached flow along smooth walls, y+ < 1e4.
     Source: Launder and Spalding (1974), Comput. Methods Appl. Mech. Eng. 3, 269-289; the blend of
@@ -328,15 +346,6 @@ class LogLaw(GasWall):
         log = lambert_w(self.kappa * self.E * (re + exp(-re))) / self.kappa
         blend = (1 + (re / log**2) ** (self.n / 2)) ** (2 / self.n)
         return gas.viscosity / distance * blend
-
-    def stretched(self, distance: Value, offset: Value) -> tuple[Value, Value]:
-        """y' = y + y_p (1 - y/(3 y_p))^2 within three y_p of the wall [m], and dy'/dy."""
-        rest = maximum(1 - distance / (STRIP * offset), 0.0)
-        return distance + offset * rest**2, 1 - 2 / STRIP * rest
-
-    def height(self, offset: Value, diameter: Value) -> Value:
-        """h = y_p/(1 + 5 y_p/D) [m]."""
-        return offset / (1 + STRIP_FLUX * offset / diameter)
 
 
 @register("gas-wall", "log-law-k")
@@ -370,6 +379,29 @@ class EnergyLogLaw(LogLaw):
     def height(self, offset: Value, diameter: Value) -> Value:
         """y = y_p/(1 + 16 y_p/D) [m]."""
         return offset / (1 + ENERGY_FLUX * offset / diameter)
+
+
+@register("gas-wall", "low-reynolds")
+@dataclass(frozen=True)
+class LowReynolds(OffsetWall):
+    """No wall function: the mesh resolves the layer down to the viscous sublayer.
+
+        c = mu_g/y
+
+    y is within the sublayer, where u+ = y+ whatever goes on outside. k has no flux there: it is
+    three times what it would be at y, and a correction that falls as 1/y is lost on the flow. The
+    law of turbulence must know the layer; the two-equation laws and the mixing length do. Where the
+    case gives neither, y_p is at y+ = 2 of the gas alone and so is the wall cell's height.
+
+    Validity: y+ < 4.
+    Source: Chen and Patel (1988), AIAA J. 26, 641-648.
+    """
+
+    resolved: ClassVar[bool] = True
+
+    def friction(self, speed: Value, distance: Value, gas: Gas) -> Value:
+        """Coefficient c = mu_g/y [Pa s/m]."""
+        return gas.viscosity / distance
 
 
 @register("gas-wall", "no-slip")

@@ -246,7 +246,7 @@ def advice(case: Case) -> list[str]:
     if laws.turbulence.name != "laminar" and case.walls.gas.name == "no-slip":
         said.append(
             "a turbulent gas with walls.gas = 'no-slip' needs cells of a few viscous lengths at the"
-            " wall; 'log-law' does not"
+            " wall; 'low-reynolds' makes them and 'log-law' does without"
         )
     return said
 
@@ -434,7 +434,7 @@ def describe(case: Case) -> dict[str, Any]:
         "meshes": ", ".join(f"{1e3 * size:.3g} mm" for size in sizes) + " core cells in turn",
         "finest_mesh": f"{cells} cells, about {unknowns} unknowns",
         "memory": f"about {BASE_MEMORY + MEMORY_PER_UNKNOWN * unknowns:.0f} MB",
-        "time": f"about {TIME_PER_UNKNOWN * unknowns + 1:.0f} s, and {COMPILE_TIME} s more to "
+        "time": f"about {solve_time(case, unknowns):.0f} s, and {compile_time(case)} s more to "
         "compile the forms if these closures are new on this machine",
         "inferred": list(case.inferred) or "nothing",
         "warnings": advice(case) or "none",
@@ -444,17 +444,34 @@ def describe(case: Case) -> dict[str, Any]:
 def size_of(case: Case) -> tuple[int, int]:
     """Cells of the finest mesh, and about how many unknowns."""
     mesh = section(geometry_of(case), size=mesh_sizes(case)[-1], **_resolution(case))
-    per_cell, laws = GAS_UNKNOWNS_PER_CELL, case.closures
-    scales = len(laws.turbulence.transported)
-    if case.solids:
-        per_cell = UNKNOWNS_PER_CELL
-        scales += len(laws.dispersed.transported)
-    return mesh.num_cells, round(mesh.num_cells * (per_cell + scales * UNKNOWNS_PER_SCALE))
+    per_cell = UNKNOWNS_PER_CELL if case.solids else GAS_UNKNOWNS_PER_CELL
+    scales = transported_scales(case) * UNKNOWNS_PER_SCALE
+    return mesh.num_cells, round(mesh.num_cells * (per_cell + scales))
 
 
-# measured on the demo: unknowns of P2/P1 triangles, memory and CPU time of a cold run
+def transported_scales(case: Case) -> int:
+    """How many scales of turbulence are unknowns."""
+    laws = case.closures
+    found = len(laws.turbulence.transported)
+    return found + len(laws.dispersed.transported) if case.solids else found
+
+
+def solve_time(case: Case, unknowns: int) -> float:
+    """About the CPU time of a cold run [s]."""
+    transported = TRANSPORT_FACTOR if transported_scales(case) else 1
+    return transported * TIME_PER_UNKNOWN * unknowns + 1
+
+
+def compile_time(case: Case) -> int:
+    """About the CPU time of compiling the forms [s]."""
+    return COMPILE_TIME + COMPILE_TIME_PER_SCALE * transported_scales(case)
+
+
+# measured on the demo: unknowns of P2/P1 triangles, memory and CPU time of a cold run, and how much
+# more of it an unknown takes where turbulence is transported (2 to 11 times)
 UNKNOWNS_PER_CELL, GAS_UNKNOWNS_PER_CELL, UNKNOWNS_PER_SCALE = 17.5, 6.8, 2.1
-BASE_MEMORY, MEMORY_PER_UNKNOWN, TIME_PER_UNKNOWN, COMPILE_TIME = 170, 0.012, 2.5e-4, 15
+BASE_MEMORY, MEMORY_PER_UNKNOWN, TIME_PER_UNKNOWN, TRANSPORT_FACTOR = 170, 0.012, 2.5e-4, 4
+COMPILE_TIME, COMPILE_TIME_PER_SCALE = 15, 11
 
 
 def _given(case: Case) -> str:

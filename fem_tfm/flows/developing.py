@@ -604,7 +604,7 @@ def describe(case: Case) -> dict[str, Any]:
         "given": _given(case),
         "meshes": f"{1e3 * size:.3g} mm core cells at about {stations} stations, more where much "
         "changes",
-        "time": f"about {seconds:.0f} s, and {dense.COMPILE_TIME} s more to "
+        "time": f"about {seconds:.0f} s, and {dense.compile_time(case)} s more to "
         "compile the forms if these closures are new on this machine",
     }
 

@@ -25,7 +25,7 @@ EXPECTED = {
     "schiller-naumann syamlal-obrien tenneti three-zone wen-yu",
     "friction": "berzi dartevelle johnson-jackson mu-i none pu schaeffer srivastava-sundaresan "
     "syamlal",
-    "gas-wall": "free-slip log-law no-slip",
+    "gas-wall": "free-slip log-law log-law-k low-reynolds no-slip",
     "granular": "garzo-dufty gidaspow hrenya-sinclair lun syamlal-obrien",
     "radial": "carnahan-starling lun-savage ma-ahmadi savage sinclair-jackson",
     "solids-wall": "coulomb free-slip johnson-jackson no-slip schneiderbauer",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fem_tfm.closures import make, names
+from fem_tfm.closures.materials import Gas
 from fem_tfm.closures.walls import GasWallState, WallState
 
 SOLIDS_LAWS = names("solids-wall")
@@ -245,6 +246,14 @@ def test_log_law_stretches_the_profile_within_three_distances(agree, smooth):
 def test_other_gas_walls_leave_the_profile_where_it_is(name):
     law = make("gas-wall", name)
     assert law.stretched(1e-3, 2e-4) == (1e-3, 1.0)
+
+
+def test_low_reynolds_wall_is_the_sublayer():
+    """mu/y at any speed, the slope of the log law's viscous branch."""
+    law, gas = make("gas-wall", "low-reynolds"), Gas(1.2, 1.8e-5)
+    assert law.friction(3.0, 1e-6, gas) == law.friction(0.0, 1e-6, gas) == pytest.approx(18.0)
+    blended = make("gas-wall", "log-law").friction(3.0, 1e-7, gas)
+    assert law.friction(3.0, 1e-7, gas) == pytest.approx(blended, rel=1e-3)
 
 
 def test_height_of_the_log_law_makes_up_for_the_flux_of_the_strip():

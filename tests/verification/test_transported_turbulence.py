@@ -27,6 +27,7 @@ from fem_tfm.flows import dense, start
 from fem_tfm.flows.dense import setup_of
 from fem_tfm.flows.section import Section
 from fem_tfm.interpolation import point_values
+from fem_tfm.mesh import resolution_of
 from fem_tfm.models.axis import DevelopedAxis
 from fem_tfm.models.two_fluid import State, TwoFluid
 
@@ -92,17 +93,50 @@ def test_coarse_meshes_are_converged_at_a_fixed_distance(law: str) -> None:
 def test_log_law_profile(law: str, reynolds: float) -> None:
     """u+ = ln(9.8 y+)/0.41 within 5 % for 30 < y+ < 0.1 Re_tau, from the wall distance on."""
     solution = pipe(law, reynolds)
+    nu, u_tau = VELOCITY * SIZE / reynolds, math.sqrt(drive(solution) * SIZE / 4 / DENSITY)
+    lowest = max(30.0, solution.section.setup.wall_offset * u_tau / nu)
+    y_plus, u_plus = wall_units(solution, reynolds, lowest)
+    assert u_plus == pytest.approx(np.log(9.8 * y_plus) / 0.41, rel=0.05)
+
+
+def wall_units(solution: Any, reynolds: float, lowest: float) -> tuple[np.ndarray, np.ndarray]:
+    """y+ from `lowest` to 0.1 Re_tau, and u+ there."""
     u_tau, nu = math.sqrt(drive(solution) * SIZE / 4 / DENSITY), VELOCITY * SIZE / reynolds
     offset = solution.section.setup.wall_offset
-    lowest = max(30.0, offset * u_tau / nu)
     y_plus = np.geomspace(lowest, 0.1 * u_tau * SIZE / 2 / nu, 12)
     height = y_plus * nu / u_tau
     # the profile is stretched over three wall distances: y' = y + y_p (1 - y/(3 y_p))^2
-    y = np.linspace(0, SIZE / 2, 20001)
+    y = np.concatenate([[0], np.geomspace(1e-8, 0.5, 20001)]) * SIZE
     carried = y + offset * np.maximum(1 - y / (3 * offset), 0) ** 2
     x = SIZE / 2 - np.interp(height, carried, y)
     u = point_values(solution.section.unknown("u_g"), np.stack([x, 0 * x], axis=1))[:, 2]
-    assert u / u_tau == pytest.approx(np.log(9.8 * y_plus) / 0.41, rel=0.05)
+    return y_plus, u / u_tau
+
+
+@functools.cache
+def resolved(reynolds: float, factor: float = 1.0) -> Any:
+    """Solution without a wall function; `factor` times the default distance on the same mesh."""
+    case = gas_case(reynolds, closures={"turbulence": "k-epsilon"}, walls={"gas": "low-reynolds"})
+    ratio = resolution_of(case)["wall_ratio"]
+    changed = {"walls.distance": factor * case.wall_distance, "numerics.wall_grading": ratio}
+    return solve(case.with_values(changed))
+
+
+@pytest.mark.parametrize("reynolds", [2e4, 1e5, 1e6])
+def test_no_wall_function_gives_friction_and_log_law(reynolds: float) -> None:
+    """Darcy's f within 3 % of Prandtl-Karman, u+ within 5 % of the log law for y+ > 30."""
+    solution = resolved(reynolds)
+    assert darcy(drive(solution)) == pytest.approx(prandtl_karman(reynolds), rel=0.03)
+    y_plus, u_plus = wall_units(solution, reynolds, 30.0)
+    assert u_plus == pytest.approx(np.log(9.8 * y_plus) / 0.41, rel=0.05)
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+def test_the_sublayer_is_the_same_from_any_height_in_it(factor: float) -> None:
+    """y+ = 1 and 3 on the mesh of y+ = 2 change f by less than 1 %."""
+    near, default = drive(resolved(2e4, factor)), drive(resolved(2e4))
+    assert near == pytest.approx(default, rel=0.01)
+    assert near != default
 
 
 # -- weak against strong -----------------------------------------------------------------------
