@@ -118,9 +118,7 @@ def _slope(
     return (weights[1] - weights[0] - forms - borders) / (high - low)
 
 
-def _beside(
-    case: Case, key: str, value: float, step: float, geometry: Any
-) -> tuple[float, Setup]:
+def _beside(case: Case, key: str, value: float, step: float, geometry: Any) -> tuple[float, Setup]:
     """A neighbouring number and its setup; the number itself at the end of its range."""
     try:
         near = case.with_values({key: value + step})
