@@ -87,6 +87,20 @@ PARAMETERS = {
     "walls.solids.sliding_heat": "share of the sliding work that heats the grains",
 }
 SHARES = {"walls.solids.sliding_heat": (0.0, 1.0)}
+# other choices that the paper leaves open, each in place of the one of study.toml
+ALTERNATIVES: dict[str, dict[str, Any]] = {
+    "log law of the velocity at the wall": {"walls.gas": "log-law"},
+    "log law of the turbulent energy at the wall": {"walls.gas": "log-law-k"},
+    "no turbulent dispersion": {"closures.dispersion": "none"},
+    "Simonin's dispersion": {"closures.dispersion": "simonin"},
+    "drag up to the wall": {"walls.grain_gap": 0.0},
+    "sliding does not heat the grains": {"walls.solids.sliding_heat": 0.0},
+    "turbulence of the gas alone": {"closures.turbulence": "realizable",
+                                    "closures.dispersed": "none"},
+    "mixing length": {"closures.turbulence": "mixing-length", "closures.dispersed": "none",
+                      "closures.dispersion": "none", "walls.gas": "log-law"},
+    "no friction": {"closures.friction": "none"},
+}  # fmt: skip
 
 
 @dataclass
@@ -128,6 +142,7 @@ class Study:
     answers: dict[tuple[str, str, int], Answer] = field(default_factory=dict)
     meshes: list[Mesh] = field(default_factory=list)
     sensitivities: list[Sensitivity] = field(default_factory=list)
+    alternatives: dict[str, sweep.Point] = field(default_factory=dict)
     line: Line = field(default_factory=Line)
 
     def solved(self, feed: str) -> dict[tuple[str, int], dict[str, float]]:
@@ -261,6 +276,15 @@ def solve_meshes(study: Study, levels: Iterable[int]) -> None:
         study.meshes.append(Mesh(level, found.section.mesh.num_cells, drop, cpu))
 
 
+def solve_alternatives(study: Study, chosen: Iterable[str] = ALTERNATIVES) -> None:
+    """Solve the typical case with other closures, one change at a time; they start cold."""
+    base = study.case.with_values(values(TYPICAL, MASS, BEST))
+    names = list(chosen)
+    points = [sweep.Point(i, ALTERNATIVES[name]) for i, name in enumerate(names)]
+    for name, point in zip(names, sweep.solve(base, points), strict=True):
+        study.alternatives[name] = point
+
+
 class _Stations(developing.Observer):
     """Keeps the profiles of the stations next to those that figure 4 shows."""
 
@@ -371,6 +395,25 @@ def sensitivity_rows(found: Iterable[Sensitivity]) -> list[list[str]]:
     return told
 
 
+ALTERNATIVE_HEAD = ("one change", "dp [kPa]", "against the experiment", "hold-up", "CPU [s]")
+
+
+def alternative_rows(study: Study) -> list[list[str]]:
+    """The typical case with the set itself, and with one other choice each."""
+    own = study.answers.get((MASS, BEST, TYPICAL))
+    points = ({"none": own.point} if own else {}) | study.alternatives
+    told = []
+    for name, point in points.items():
+        cpu = f"{point.cpu_seconds:.1f}"
+        if not point.quantities:
+            told.append([name, "failed", "", "", cpu])
+            continue
+        drop, held = point.quantities["pressure_drop"], point.quantities["holdup"]
+        off = difference(drop, EXPERIMENT[TYPICAL])
+        told.append([name, number(drop / 1e3), off, number(held, 3), cpu])
+    return told
+
+
 def curves() -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
     """Figure 7: frictional pressure of each law [Pa] over the solids fraction, without strain."""
     solids, alpha = Case.load(CASE).solids_material, np.linspace(0.40, 0.52, 121)
@@ -383,10 +426,11 @@ def curves() -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
 
 def profile_rows(study: Study) -> list[list[str]]:
     """The numbers of figures 5, 6, 8, 9 and 10 along the vertical diameter."""
-    names = ["y/D", *figures.LABELS]
+    profiles = study.of("profile")
+    names = ["y/D", *(n for n in figures.LABELS if all(n in p for p in profiles.values()))]
     told = [["friction", "case", *names]]
-    for (law, k), profile in study.of("profile").items():
-        columns = [profile[name] for name in names if name in profile]
+    for (law, k), profile in profiles.items():
+        columns = [profile[name] for name in names]
         told += [[law, k, *(f"{v:.7g}" for v in row)] for row in zip(*columns, strict=True)]
     return told
 
@@ -406,6 +450,7 @@ def tables(study: Study) -> dict[str, list[Sequence[Any]]]:
         "figure_4": axis,
         "figures_5_6_8_9_10": profile_rows(study),
         "figure_7": [["alpha_s", *pressure], *zip(alpha, *pressure.values(), strict=True)],
+        "alternatives": [ALTERNATIVE_HEAD, *alternative_rows(study)],
         "sensitivity": [SENSITIVITY_HEAD, *sensitivity_rows(study.sensitivities)],
     }
 
@@ -513,6 +558,8 @@ def report(study: Study, drawn: Mapping[str, tuple[str, bytes]]) -> str:
     rows = sensitivity_rows(study.sensitivities)
     head = f"Sensitivity of dp at case {TYPICAL}, {BEST}, feed {MASS}"
     parts += section(head, table(SENSITIVITY_HEAD, rows) if rows else [])
+    head = f"Choices that the paper leaves open, case {TYPICAL}, {BEST}, feed {MASS}"
+    parts += section(head, table(ALTERNATIVE_HEAD, alternative_rows(study)))
     parts += section("Cost", items(cost(study)))
     parts += section("Inputs that the source does not print", items(study.case.inferred))
     parts += section("Parameter set", [f"<pre>{study.case.dump()}</pre>"])
@@ -559,6 +606,9 @@ def run(out: Path, level: int | None = None, case: Path = CASE) -> Study:
     solve_rows(study, tell=say)
     solve_meshes(study, range(1, level + 3))
     say(f"meshes: {', '.join(f'{m.drop / 1e3:.3f}' for m in study.meshes)} kPa")
+    solve_alternatives(study)
+    for words in alternative_rows(study):
+        say(", ".join(words))
     solve_line(study, max(level - 1, 1))
     for text in cost(study):
         say(text)

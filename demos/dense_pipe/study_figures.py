@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from study_findings import CASES, EXPERIMENT, FRICTIONS, SCATTER
 
@@ -113,7 +114,7 @@ def heights(profiles: Mapping[tuple[str, int], Profile], gas: Sequence[float]) -
                 axes.plot(profile["alpha_s"], profile["y/D"], label=f"Q_s = {q:.1f} m³/h")
         axes.set_title(law, fontsize=10)
         _plain(axes, LABELS["alpha_s"], "y/D" if law == FRICTIONS[0] else "")
-    panels[0].legend(fontsize=7, frameon=False)
+    panels[-1].legend(fontsize=7, frameon=False)
     return figure
 
 
@@ -140,6 +141,8 @@ def laws(profiles: Mapping[str, Profile]) -> Figure:
                 axes.plot(profile[name], profile["y/D"], color=COLOURS[law], label=law)
         if name == "Theta":
             axes.set_xscale("log")
+        else:
+            axes.xaxis.set_major_locator(MaxNLocator(5))
         _plain(axes, LABELS[name], "y/D")
     grid[0].legend(fontsize=7, frameon=False)
     return figure

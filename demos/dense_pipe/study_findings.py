@@ -11,7 +11,7 @@ FRICTIONS = ("dartevelle", "srivastava-sundaresan", "berzi")
 CASES = (1, 2, 3, 4, 5)
 SLOW, FAST = (1, 2, 3), (4, 5)  # Q_s up to 0.8 m3/h, and above
 REPRODUCED, IN_PART, NOT = "reproduced", "in part", "not reproduced"
-UNKNOWN = "not known, for a run failed"
+UNKNOWN = "not known: a run failed, or the model does not have it"
 
 # experiment [Pa] of the one case whose drop is printed, and the range of the paper's errors
 EXPERIMENT, SCATTER = {3: 4.26e3}, (-0.0491, 0.0760)
@@ -123,8 +123,8 @@ def _experiment(answers: Answers) -> Finding:
 
 
 def _compared(answers: Answers, name: str, case: int) -> dict[str, float] | None:
-    """A quantity of all laws in one case; None where one failed."""
-    if any((friction, case) not in answers for friction in FRICTIONS):
+    """A quantity of all laws in one case; None where one failed or has no such quantity."""
+    if any(name not in answers.get((friction, case), ()) for friction in FRICTIONS):
         return None
     return {friction: answers[friction, case][name] for friction in FRICTIONS}
 
