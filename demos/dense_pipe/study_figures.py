@@ -114,7 +114,8 @@ def heights(profiles: Mapping[tuple[str, int], Profile], gas: Sequence[float]) -
                 axes.plot(profile["alpha_s"], profile["y/D"], label=f"Q_s = {q:.1f} m³/h")
         axes.set_title(law, fontsize=10)
         _plain(axes, LABELS["alpha_s"], "y/D" if law == FRICTIONS[0] else "")
-    panels[-1].legend(fontsize=7, frameon=False)
+    for axes in [axes for axes in panels if axes.lines][:1]:
+        axes.legend(fontsize=7, frameon=False)
     return figure
 
 

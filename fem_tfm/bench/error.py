@@ -118,6 +118,7 @@ def picture(
 ) -> None:
     """Draw the error against run time and against cells, all axes logarithmic."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     figure = Figure(figsize=(8.4, 3.9), layout="constrained")
     panels = figure.subplots(1, 2, sharey=True)
@@ -129,6 +130,9 @@ def picture(
         axes.grid(color="#dddddd", linewidth=0.6, which="both")
         axes.spines[["top", "right"]].set_visible(False)
     timed, counted = panels
+    timed.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    timed.xaxis.set_major_formatter("{x:g}")
+    timed.xaxis.set_minor_formatter(NullFormatter())
     timed.set_xlabel("CPU time of the solve [s]")
     timed.set_ylabel("relative error of the pressure gradient")
     theirs = published_errors(published)
