@@ -24,7 +24,7 @@ demo: $(READY)
 	$(VENV)/bin/fem-tfm run demos/dense_pipe/case3.toml --out results/dense_pipe --overwrite
 
 test: $(READY)
-	$(PYTHON) -m pytest
+	$(PYTHON) -m pytest -n 2 --dist loadfile
 	$(VENV)/bin/mpirun -n 2 $(PYTHON) -m pytest -q -p no:cacheprovider -m 'mpi and not slow'
 
 lint: $(READY)

@@ -203,7 +203,9 @@ def resolve(
             start.follow(section, *coarser)
         length = section.mesh.geometry.hydraulic_diameter
         control = step_control(setup, length, tolerance, max_steps)
-        history = _march(section, control, observer).run(first=control.largest)
+        march = _march(section, control, observer)
+        march.approach()
+        history = march.run(first=control.largest)
         coarser = section, before
         drive, cpu = float(section.drive.value), time.process_time() - cpu
         found.levels.append(Level(section, history, drive, 0.0, cpu))

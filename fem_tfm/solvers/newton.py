@@ -23,7 +23,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 _COUNTER = iter(range(1 << 30))
-REFINEMENTS = 1
+# a linear solution is refined at most so often, and not where its residual is this small
+REFINEMENTS, EXACT = 1, 1e-8
 # step lengths below this are a failure; corrections of this size are noise
 SHORTEST, ROUND_OFF = 0.01, 1e-8
 # polishing: each correction at most this share of the one before, and at most so many
@@ -329,9 +330,9 @@ class BorderedNewton:
     def _correction(self) -> tuple[np.ndarray, np.ndarray]:
         """Newton correction at the present position with the last factorisation.
 
-        Block elimination with one refinement. J alone is nearly singular when only a constraint
-        fixes a mode (the total mass at a large dt); refining against the bordered residual restores
-        the digits that elimination loses there.
+        Block elimination, refined where it is not exact. J alone is nearly singular when only a
+        constraint fixes a mode (the total mass at a large dt); refining against the bordered
+        residual restores the digits that elimination loses there.
         """
         self.assemble_residual()
         if not math.isfinite(self.rhs.norm()):
@@ -339,14 +340,19 @@ class BorderedNewton:
         wanted = -np.array(self.constraint_errors())
         step, changes = self.step_vector, np.zeros(len(self.borders))
         step.set(0)
+        self.rhs.copy(self.work)
+        self.work.scale(-1)
+        size, missing = self.work.norm(), wanted
         for _ in range(REFINEMENTS + 1):
+            changes += self._eliminate(missing)
             self.matrix.mult(step, self.work)
             self.work.axpy(1, self.rhs)
             self.work.scale(-1)
             for change, column in zip(changes, self.columns, strict=True):
                 self.work.axpy(-change, column)
             missing = wanted - np.array([row.dot(step) for row in self.rows])
-            changes += self._eliminate(missing)
+            if self.work.norm() <= EXACT * size:
+                break
         return step.array_r.copy(), changes
 
     def _eliminate(self, wanted: np.ndarray) -> np.ndarray:

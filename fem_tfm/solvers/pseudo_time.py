@@ -107,6 +107,18 @@ class PseudoTime:
             f"(relative update {history.update:.1e}, wanted {control.tolerance:.0e})"
         )
 
+    def approach(self) -> None:
+        """Go towards the steady state with the factors of a neighbouring problem, while they lead.
+
+        A correction costs an eighth of a factorisation; a state that is not finite is taken back.
+        """
+        self._keep()
+        self.idt.value = 1.0 / self.control.largest
+        try:
+            self.newton.polish(self.control.tolerance)
+        except LinearSolveError:
+            self._restore()
+
     def _settled(self, row: dict[str, float]) -> bool:
         """Whether nothing moves: what remains is below tolerance, and the step was small too.
 
