@@ -130,6 +130,7 @@ def test_two_cases_and_a_failed_one_make_a_whole_report(study: Any, tmp_path: Pa
     told: list[str] = []
     study.solve_rows(made, ["berzi"], (2, 3), told.append)
     study.solve_meshes(made, [1])
+    study.solve_alternatives(made, 1, ["none", "drag up to the wall"])
     made.answers[study.MASS, "dartevelle", 3] = study.Answer(Point(0, {}, reason="gave up here"))
     study.write(made, tmp_path)
     assert len(told) == 4 and all("kPa" in text for text in told)
@@ -138,6 +139,9 @@ def test_two_cases_and_a_failed_one_make_a_whole_report(study: Any, tmp_path: Pa
     fed = made.answers[study.MASS, "berzi", 3].point.quantities
     assert fed["solids_mass_flow"] == pytest.approx(0.194, rel=1e-6)
     assert made.meshes[0].drop == pytest.approx(fed["pressure_drop"], rel=1e-6)
+    drops = {n: [p.quantities["pressure_drop"] for p in ps] for n, ps in made.alternatives.items()}
+    assert drops["none"][2] == pytest.approx(fed["pressure_drop"], rel=1e-6)
+    assert all(a != b for a, b in zip(*drops.values(), strict=True))
     assert {s.key for s in made.sensitivities} == set(study.PARAMETERS) - {
         "closures.dispersion.sigma"
     }
@@ -155,6 +159,7 @@ def test_the_whole_study(study: Any, tmp_path: Path) -> None:
     assert len(made.answers) == 30
     assert sum(bool(a.point.quantities) for a in made.answers.values()) >= 28
     assert not made.line.reason
+    assert made.line.gradient == pytest.approx(made.line.section, rel=0.01)
     page = (tmp_path / "study.html").read_text(encoding="utf-8")
     assert page.count("data:image/png") == 8
     for name in ("table_5", "figure_3", "figure_4", "figure_7", "sensitivity", "alternatives"):

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Everything that Ding et al. (2024) show of the dense pipe, in one command.
 
-    python demos/dense_pipe/study.py [--out DIR] [--level N] [--overwrite]
+    python demos/dense_pipe/study.py [--out DIR] [--level N] [--set KEY=VALUE]...
 
 solves cases 1 to 5 of table 1 with three laws of friction and two feeds of solids, each row of
 cases going on from the one before, then the meshes of table 5 and one developing line. Tables,
@@ -89,6 +89,7 @@ PARAMETERS = {
 SHARES = {"walls.solids.sliding_heat": (0.0, 1.0)}
 # other choices that the paper leaves open, each in place of the one of study.toml
 ALTERNATIVES: dict[str, dict[str, Any]] = {
+    "none": {},
     "log law of the velocity at the wall": {"walls.gas": "log-law"},
     "log law of the turbulent energy at the wall": {"walls.gas": "log-law-k"},
     "no turbulent dispersion": {"closures.dispersion": "none"},
@@ -99,6 +100,10 @@ ALTERNATIVES: dict[str, dict[str, Any]] = {
                                     "closures.dispersed": "none"},
     "mixing length": {"closures.turbulence": "mixing-length", "closures.dispersed": "none",
                       "closures.dispersion": "none", "walls.gas": "log-law"},
+    "grains of 0.1 mm": {"solids.diameter": 1e-4},
+    "wall law at half the distance": {"walls.distance": 5e-5},
+    "wall law at twice the distance": {"walls.distance": 2e-4},
+    "grains of 1400 kg/m3": {"solids.density": 1400.0},
     "no friction": {"closures.friction": "none"},
 }  # fmt: skip
 
@@ -125,11 +130,15 @@ class Mesh:
 
 @dataclass
 class Line:
-    """The developing line: profiles by z/D, and z/D from which each quantity stays; or a reason."""
+    """The developing line: profiles by z/D, and z/D from which each quantity stays; or a reason.
+
+    gradient, section : dp/dz at the outlet, and of the developed section on the same mesh [Pa/m]
+    """
 
     profiles: dict[float, dict[str, NDArray[np.float64]]] = field(default_factory=dict)
     lengths: dict[str, float] = field(default_factory=dict)
     gradient: float = float("nan")
+    section: float = float("nan")
     cpu_seconds: float = 0.0
     reason: str = ""
 
@@ -142,7 +151,7 @@ class Study:
     answers: dict[tuple[str, str, int], Answer] = field(default_factory=dict)
     meshes: list[Mesh] = field(default_factory=list)
     sensitivities: list[Sensitivity] = field(default_factory=list)
-    alternatives: dict[str, sweep.Point] = field(default_factory=dict)
+    alternatives: dict[str, list[sweep.Point]] = field(default_factory=dict)
     line: Line = field(default_factory=Line)
 
     def solved(self, feed: str) -> dict[tuple[str, int], dict[str, float]]:
@@ -276,13 +285,13 @@ def solve_meshes(study: Study, levels: Iterable[int]) -> None:
         study.meshes.append(Mesh(level, found.section.mesh.num_cells, drop, cpu))
 
 
-def solve_alternatives(study: Study, chosen: Iterable[str] = ALTERNATIVES) -> None:
-    """Solve the typical case with other closures, one change at a time; they start cold."""
-    base = study.case.with_values(values(TYPICAL, MASS, BEST))
-    names = list(chosen)
-    points = [sweep.Point(i, ALTERNATIVES[name]) for i, name in enumerate(names)]
-    for name, point in zip(names, sweep.solve(base, points), strict=True):
-        study.alternatives[name] = point
+def solve_alternatives(study: Study, level: int, chosen: Iterable[str] = ALTERNATIVES) -> None:
+    """Solve all cases with other closures, one change at a time."""
+    base = study.case.with_values({"closures.friction": BEST, "numerics.level": level})
+    for name in chosen:
+        points = [sweep.Point(k, values(k, MASS) | ALTERNATIVES[name]) for k in reversed(CASES)]
+        solved = sorted(sweep.solve(base, points), key=lambda p: p.number)
+        study.alternatives[name] = solved
 
 
 class _Stations(developing.Observer):
@@ -321,6 +330,8 @@ def solve_line(study: Study, level: int) -> None:
         line.reason = str(error)
     line.profiles = stations.profiles
     line.cpu_seconds = COMM.allreduce(time.process_time() - cpu)
+    for point in sweep.solve(case.with_values({"solution": "developed"}), [sweep.Point(0, {})]):
+        line.section = point.quantities.get("pressure_gradient", line.section)
     study.line = line
 
 
@@ -395,22 +406,25 @@ def sensitivity_rows(found: Iterable[Sensitivity]) -> list[list[str]]:
     return told
 
 
-ALTERNATIVE_HEAD = ("one change", "dp [kPa]", "against the experiment", "hold-up", "CPU [s]")
+ALTERNATIVE_HEAD = (
+    "one change", *(f"dp of case {k} [kPa]" for k in CASES), f"case {TYPICAL}, off the experiment",
+    f"hold-up, case {TYPICAL}", "CPU [s]",
+)  # fmt: skip
 
 
 def alternative_rows(study: Study) -> list[list[str]]:
-    """The typical case with the set itself, and with one other choice each."""
-    own = study.answers.get((MASS, BEST, TYPICAL))
-    points = ({"none": own.point} if own else {}) | study.alternatives
+    """Pressure drops of the set itself, and with one other choice each."""
     told = []
-    for name, point in points.items():
-        cpu = f"{point.cpu_seconds:.1f}"
-        if not point.quantities:
-            told.append([name, "failed", "", "", cpu])
-            continue
-        drop, held = point.quantities["pressure_drop"], point.quantities["holdup"]
-        off = difference(drop, EXPERIMENT[TYPICAL])
-        told.append([name, number(drop / 1e3), off, number(held, 3), cpu])
+    for name, points in study.alternatives.items():
+        drops = [p.quantities.get("pressure_drop") for p in points]
+        row = [name, *(number(d / 1e3) if d else "failed" for d in drops)]
+        typical = points[CASES.index(TYPICAL)].quantities
+        if typical:
+            off = difference(typical["pressure_drop"], EXPERIMENT[TYPICAL])
+            row += [off, number(typical["holdup"], 3)]
+        else:
+            row += ["", ""]
+        told.append([*row, f"{sum(p.cpu_seconds for p in points):.1f}"])
     return told
 
 
@@ -535,7 +549,9 @@ def cost(study: Study) -> list[str]:
         )
     told.append(f"table 5: {sum(m.cpu_seconds for m in study.meshes):.0f} CPU s")
     line = study.line
-    ended = line.reason or f"{line.gradient:.1f} Pa/m at the outlet"
+    ended = line.reason or (
+        f"{line.gradient:.1f} Pa/m at the outlet, {line.section:.1f} in the developed section"
+    )
     return [*told, f"developing line of 2.4 m: {line.cpu_seconds:.0f} CPU s, {ended}"]
 
 
@@ -558,8 +574,9 @@ def report(study: Study, drawn: Mapping[str, tuple[str, bytes]]) -> str:
     rows = sensitivity_rows(study.sensitivities)
     head = f"Sensitivity of dp at case {TYPICAL}, {BEST}, feed {MASS}"
     parts += section(head, table(SENSITIVITY_HEAD, rows) if rows else [])
-    head = f"Choices that the paper leaves open, case {TYPICAL}, {BEST}, feed {MASS}"
-    parts += section(head, table(ALTERNATIVE_HEAD, alternative_rows(study)))
+    rows = alternative_rows(study)
+    head = f"Choices that the paper leaves open, one level coarser, {BEST}, feed {MASS}"
+    parts += section(head, table(ALTERNATIVE_HEAD, rows) if rows else [])
     parts += section("Cost", items(cost(study)))
     parts += section("Inputs that the source does not print", items(study.case.inferred))
     parts += section("Parameter set", [f"<pre>{study.case.dump()}</pre>"])
@@ -594,19 +611,20 @@ def say(text: str) -> None:
         print(text, flush=True)
 
 
-def run(out: Path, level: int | None = None, case: Path = CASE) -> Study:
+def run(out: Path, level: int | None = None, changes: Iterable[str] = ()) -> Study:
     """Solve everything and write it to `out`.
 
     level : of the finest mesh of the runs, by default that of the case; table 5 goes two further
+    changes : to study.toml, as texts "key=value"
     """
-    base = Case.load(case)
+    base = Case.load(CASE, changes)
     if level is not None:
         base = base.with_values({"numerics.level": level})
     study, level = Study(base), base.numerics.level
     solve_rows(study, tell=say)
     solve_meshes(study, range(1, level + 3))
     say(f"meshes: {', '.join(f'{m.drop / 1e3:.3f}' for m in study.meshes)} kPa")
-    solve_alternatives(study)
+    solve_alternatives(study, max(level - 1, 1))
     for words in alternative_rows(study):
         say(", ".join(words))
     solve_line(study, max(level - 1, 1))
@@ -622,12 +640,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--out", default="results/dense_pipe_study", help="directory [%(default)s]")
     parser.add_argument("--level", type=int, help="finest mesh level of the runs [study.toml]")
-    parser.add_argument("--case", default=str(CASE), help="the parameter set [study.toml]")
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[],
+                        help="change the parameter set, such as solids.diameter=1e-4")  # fmt: skip
     parser.add_argument("--overwrite", action="store_true", help="replace results that are there")
     options = parser.parse_args(arguments)
     try:
         out = results_directory(options.out, options.overwrite)
-        run(out, options.level, Path(options.case))
+        run(out, options.level, options.set)
     except FemTfmError as error:
         say(f"study: {error}")
         return 2
