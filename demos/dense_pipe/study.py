@@ -285,13 +285,19 @@ def solve_meshes(study: Study, levels: Iterable[int]) -> None:
         study.meshes.append(Mesh(level, found.section.mesh.num_cells, drop, cpu))
 
 
-def solve_alternatives(study: Study, level: int, chosen: Iterable[str] = ALTERNATIVES) -> None:
+def solve_alternatives(
+    study: Study,
+    level: int,
+    chosen: Iterable[str] = ALTERNATIVES,
+    tell: Callable[[str], None] = print,
+) -> None:
     """Solve all cases with other closures, one change at a time."""
     base = study.case.with_values({"closures.friction": BEST, "numerics.level": level})
     for name in chosen:
         points = [sweep.Point(k, values(k, MASS) | ALTERNATIVES[name]) for k in reversed(CASES)]
         solved = sorted(sweep.solve(base, points), key=lambda p: p.number)
         study.alternatives[name] = solved
+        tell(", ".join(alternative_rows(study)[-1]))
 
 
 class _Stations(developing.Observer):
@@ -428,9 +434,9 @@ def alternative_rows(study: Study) -> list[list[str]]:
     return told
 
 
-def curves() -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+def curves(case: Case) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
     """Figure 7: frictional pressure of each law [Pa] over the solids fraction, without strain."""
-    solids, alpha = Case.load(CASE).solids_material, np.linspace(0.40, 0.52, 121)
+    solids, alpha = case.solids_material, np.linspace(0.40, 0.52, 121)
     rest = np.zeros_like(alpha)
     stress = {
         law: make("friction", law).stress(alpha, rest, rest, rest, solids) for law in FRICTIONS
@@ -451,7 +457,7 @@ def profile_rows(study: Study) -> list[list[str]]:
 
 def tables(study: Study) -> dict[str, list[Sequence[Any]]]:
     """Every table as rows with a head, by the name of its file."""
-    alpha, pressure = curves()
+    alpha, pressure = curves(study.case)
     axis = [["z/D", "y/D", "u_g [m/s]", "u_s [m/s]", "alpha_s"]]
     for z, profile in study.line.profiles.items():
         columns = [profile[name] for name in ("y/D", "u_g", "u_s", "alpha_s")]
@@ -515,7 +521,10 @@ def pictures(study: Study) -> dict[str, tuple[str, Figure]]:
         "figure_3": ("pressure drop over supplementary gas", figures.drops(GAS, drops)),
         "figure_5": ("solids fraction over the section", _map(views, fields, "alpha_s")),
         "figure_6": ("solids fraction along the height", figures.heights(profiles, GAS)),
-        "figure_7": ("frictional pressure of the three laws", figures.pressures(*curves())),
+        "figure_7": (
+            "frictional pressure of the three laws",
+            figures.pressures(*curves(study.case)),
+        ),
         "figure_8": ("frictional pressure over the section", _map(views, fields, "p_f")),
         "figure_9": ("frictional shear stress over the section", _map(views, fields, "tau_f")),
         "figure_10": (f"case {TYPICAL} along the height", figures.laws(typical)),
@@ -624,12 +633,12 @@ def run(out: Path, level: int | None = None, changes: Iterable[str] = ()) -> Stu
     solve_rows(study, tell=say)
     solve_meshes(study, range(1, level + 3))
     say(f"meshes: {', '.join(f'{m.drop / 1e3:.3f}' for m in study.meshes)} kPa")
-    solve_alternatives(study, max(level - 1, 1))
-    for words in alternative_rows(study):
-        say(", ".join(words))
     solve_line(study, max(level - 1, 1))
     for text in cost(study):
         say(text)
+    # the last part is the longest, and the report is of use before it
+    on_root(COMM, lambda: write(study, out))
+    solve_alternatives(study, max(level - 1, 1), tell=say)
     on_root(COMM, lambda: write(study, out))
     say(f"report in {out / 'study.html'}")
     return study
