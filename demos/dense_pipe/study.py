@@ -378,7 +378,8 @@ def run_rows(study: Study) -> list[list[str]]:
 
 RUN_HEAD = (
     "feed", "friction", "case", "dp [kPa]", "change of mesh [kPa]", "experiment [kPa]",
-    "difference", "hold-up", "paper, inlet", "M_s [kg/s]", "paper", "bed fraction", "CPU [s]",
+    "difference", "hold-up", "alpha_s of table 1", "M_s [kg/s]", "M_s of table 1", "bed fraction",
+    "CPU [s]",
 )  # fmt: skip
 MESH_HEAD = ("mesh", "cells", "dp [kPa]", "to the finest", "CPU [s]")
 
@@ -558,6 +559,8 @@ def cost(study: Study) -> list[str]:
         )
     told.append(f"table 5: {sum(m.cpu_seconds for m in study.meshes):.0f} CPU s")
     line = study.line
+    if not line.profiles and not line.reason:
+        return told
     ended = line.reason or (
         f"{line.gradient:.1f} Pa/m at the outlet, {line.section:.1f} in the developed section"
     )
