@@ -17,7 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -97,7 +97,7 @@ def run(case: Case, vary: Mapping[str, Sequence[Any]], out: Path, jobs: int = 1)
     route = [points[i] for i in tour([len(values) for values in vary.values()])]
     parts = chunks(route, jobs)
     began = time.perf_counter()
-    solved = _in_processes(case, parts) if len(parts) > 1 else list(_told(solve(case, route)))
+    solved = _in_processes(case, parts) if len(parts) > 1 else list(told(solve(case, route)))
     sweep = Sweep(sorted(solved, key=lambda p: p.number), Path(out))
     on_root(comm, lambda: _write(sweep, list(vary), case.title))
     _say(f"{time.perf_counter() - began:.1f} s in all")
@@ -139,17 +139,29 @@ def mesh_key(case: Case) -> tuple[Any, ...]:
     return geometry_of(case), tuple(dense.mesh_sizes(case)), str(resolution_of(case))
 
 
-def solve(case: Case, route: Sequence[Point]) -> Iterator[Point]:
-    """Solve the points one after another, each from the one before where that is possible."""
+def solve(
+    case: Case,
+    route: Sequence[Point],
+    read: Callable[[Case, Point, developed.Solution], None] | None = None,
+) -> Iterator[Point]:
+    """Solve the points one after another, each from the one before where that is possible.
+
+    Points may differ in several values at once.
+
+    read : told the case, the point and the answer of every developed dense flow (collective), for
+        the next point uses the answer up
+    """
     solver = _Solver()
     for point in route:
-        cpu = time.process_time()
+        cpu, changed = time.process_time(), case.with_values(point.values)
         try:
-            solver.solve(case.with_values(point.values), point)
+            solver.solve(changed, point)
             point.status = CONVERGED
         except SolverError as error:
             point.reason = str(error)
         point.cpu_seconds = MPI.COMM_WORLD.allreduce(time.process_time() - cpu)
+        if read is not None and point.status == CONVERGED and solver.solution is not None:
+            read(changed, point, solver.solution)
         yield point
 
 
@@ -256,7 +268,7 @@ def _work(task: str, answer: str) -> None:
     case = Case.from_dict(tomllib.loads(content["case"]))
     points = [Point(number, values) for number, values in content["points"]]
     with Path(answer).open("w", encoding="utf-8") as file:
-        for point in _told(solve(case, points)):
+        for point in told(solve(case, points)):
             file.write(json.dumps(asdict(point)) + "\n")
             file.flush()
 
@@ -264,7 +276,7 @@ def _work(task: str, answer: str) -> None:
 # -- output ------------------------------------------------------------------------------------
 
 
-def _told(points: Iterator[Point]) -> Iterator[Point]:
+def told(points: Iterator[Point]) -> Iterator[Point]:
     """Pass points on and print a line about each."""
     for point in points:
         words = f"{point.start} start, {point.factorisations} factorisations"

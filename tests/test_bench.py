@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from fem_tfm import bench
-from fem_tfm.bench import error, stress
+from fem_tfm.bench import duct, error, stress
 from fem_tfm.case import Case
 from fem_tfm.closures import make, names
 from fem_tfm.errors import InputError, SolverError
@@ -110,6 +110,19 @@ def test_run_time_against_error(tmp_path: Path) -> None:
     assert int(rows[0][2]) < int(rows[1][2])
     assert all(0 < float(row[4]) < 0.05 for row in rows)
     assert (tmp_path / "error.png").stat().st_size > 0
+
+
+def test_published_errors_are_against_the_finest_mesh() -> None:
+    found = error.published_errors(error.PUBLISHED)
+    assert list(found) == ["A", "B", "C"]
+    assert found["A"] == (216_000, pytest.approx(0.0782, abs=1e-4))
+    assert error.published_errors({}) == {}
+
+
+def test_the_duct_is_measured_like_the_pipe() -> None:
+    found = duct.measure("quadrilateral", 1)
+    assert found.number > 0 and found.unknowns > found.number
+    assert found.gradient > 0 and found.factorisations > 0
 
 
 def test_an_unknown_benchmark_is_refused() -> None:

@@ -7,18 +7,13 @@ is against a finer mesh than any in the table.
 
 from __future__ import annotations
 
-import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-from mpi4py import MPI
 
 from fem_tfm.bench import error
 from fem_tfm.bench.error import Measure
 from fem_tfm.case import Case
 from fem_tfm.flows import duct
-from fem_tfm.output.files import on_root
 
 # the gas of Milanovic et al. (2018), as demos/square_duct/gas.toml has it
 DEMO: dict[str, Any] = {
@@ -48,6 +43,7 @@ def measure(cells: str, level: int) -> Measure:
     return Measure(
         cells,
         level,
+        found.mesh.num_cells,
         found.dofs,
         case.gas_material.density * found.pressure_gradient,
         sum(one.cpu_seconds for one in solution.levels),
@@ -55,24 +51,6 @@ def measure(cells: str, level: int) -> Measure:
     )
 
 
-def run(
-    levels: Sequence[int] = LEVELS,
-    reference_level: int = REFERENCE_LEVEL,
-    shapes: Sequence[str] = CELLS,
-    path: Path = PICTURE,
-) -> str:
+def run() -> str:
     """Measure every mesh, print a line for each, write the picture and return the table."""
-    began = time.perf_counter()
-    for shape in shapes:
-        # the forms are compiled outside the measurement
-        measure(shape, 1)
-    fine = measure(shapes[0], reference_level)
-    error.tell(f"reference: level {reference_level}, {fine.unknowns} unknowns, {fine.gradient:.4f}")
-    found = []
-    for shape in shapes:
-        for level in levels:
-            found.append(measure(shape, level))
-            error.tell(f"{shape} level {level}: {error.error(found[-1], fine.gradient):.1e}")
-    on_root(MPI.COMM_WORLD, lambda: error.picture(path, found, fine.gradient, title=DEMO["title"]))
-    lines = [*error.table(found, fine.gradient), f"picture in {path}"]
-    return "\n".join([*lines, f"{time.perf_counter() - began:.0f} s in all"])
+    return error.run(LEVELS, REFERENCE_LEVEL, CELLS, PICTURE, measure, DEMO["title"], {})

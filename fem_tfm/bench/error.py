@@ -3,14 +3,15 @@
 
 Every mesh is solved as a user would get it, by nested iteration from the coarsest one, so that the
 CPU time is that of all meshes up to it. The error is against a finer mesh of triangles than any in
-the table.
+the table. The meshes of the paper stand beside them: their errors against its own finest mesh, at
+their numbers of cells, since its CPU times are not printed.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,12 +34,20 @@ DEMO: dict[str, Any] = {
 CELLS = ("triangle", "quadrilateral")
 LEVELS, REFERENCE_LEVEL = (1, 2, 3, 4, 5, 6), 8
 PICTURE = Path("results") / "bench" / "error.png"
+# table 5 of the paper: cells of the pipe and pressure drop [kPa]; the last one is its reference
+PUBLISHED = {
+    "A": (216_000, 3.77),
+    "B": (460_800, 3.91),
+    "C": (806_400, 4.06),
+    "D": (1_382_400, 4.09),
+}
 
 
 @dataclass(frozen=True)
 class Measure:
     """One mesh of the benchmark.
 
+    cells, number : shape of the cells and how many there are
     gradient : pressure gradient [Pa/m]
     cpu_seconds : of the solve on this mesh and the coarser ones that converged
     factorisations : on all meshes, those of a coarse mesh that failed too
@@ -46,6 +55,7 @@ class Measure:
 
     cells: str
     level: int
+    number: int
     unknowns: int
     gradient: float
     cpu_seconds: float
@@ -67,6 +77,7 @@ def measure(cells: str, level: int) -> Measure:
     return Measure(
         cells,
         level,
+        section.mesh.num_cells,
         section.dofs,
         dense.pressure_gradient(section),
         sum(one.cpu_seconds for one in solution.levels),
@@ -89,29 +100,51 @@ def error(found: Measure, reference: float) -> float:
     return abs(found.gradient / reference - 1)
 
 
-def picture(
-    path: Path, measures: Sequence[Measure], reference: float, title: str = DEMO["title"]
-) -> None:
-    """Draw run time and unknowns against the error, both axes logarithmic."""
-    from matplotlib.figure import Figure
+def published_errors(meshes: Mapping[str, tuple[int, float]]) -> dict[str, tuple[int, float]]:
+    """Cells and relative error of published meshes against the last of them, which is left out."""
+    if not meshes:
+        return {}
+    *others, finest = meshes
+    best = meshes[finest][1]
+    return {name: (meshes[name][0], abs(meshes[name][1] / best - 1)) for name in others}
 
-    figure = Figure(figsize=(8.0, 3.8), layout="constrained")
-    for axes, name, label in zip(
-        figure.subplots(1, 2, sharey=True),
-        ("cpu_seconds", "unknowns"),
-        ("CPU time of the solve [s]", "unknowns"),
-        strict=True,
-    ):
+
+def picture(
+    path: Path,
+    measures: Sequence[Measure],
+    reference: float,
+    title: str,
+    published: Mapping[str, tuple[int, float]],
+) -> None:
+    """Draw the error against run time and against cells, all axes logarithmic."""
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    figure = Figure(figsize=(8.4, 3.9), layout="constrained")
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, name in zip(panels, ("cpu_seconds", "number"), strict=True):
         for cells in dict.fromkeys(m.cells for m in measures):
             shown = [m for m in measures if m.cells == cells]
             errors = [max(error(m, reference), math.ulp(1.0)) for m in shown]
-            axes.loglog([getattr(m, name) for m in shown], errors, "o-", label=cells)
-        axes.set_xlabel(label)
+            axes.loglog([getattr(m, name) for m in shown], errors, "o-", label=f"{cells}s")
         axes.grid(color="#dddddd", linewidth=0.6, which="both")
         axes.spines[["top", "right"]].set_visible(False)
-    first = figure.axes[0]
-    first.set_ylabel("relative error of the pressure gradient")
-    first.legend(frameon=False)
+    timed, counted = panels
+    timed.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    timed.xaxis.set_major_formatter("{x:g}")
+    timed.xaxis.set_minor_formatter(NullFormatter())
+    timed.set_xlabel("CPU time of the solve [s]")
+    timed.set_ylabel("relative error of the pressure gradient")
+    theirs = published_errors(published)
+    counted.set_xlabel("cells" + (", ours of the section, theirs of the pipe" if theirs else ""))
+    for name, (number, off) in theirs.items():
+        timed.axhline(off, color="#888888", linewidth=0.8, linestyle="--")
+        timed.annotate(f"paper's mesh {name}", (0.98, off), xycoords=timed.get_yaxis_transform(),
+                       ha="right", va="bottom", fontsize=7, color="#666666")  # fmt: skip
+        counted.annotate(f" {name}", (number, off), fontsize=8, color="#666666")
+    if theirs:
+        counted.loglog(*zip(*theirs.values(), strict=True), "s", color="#888888", label="paper")
+    counted.legend(frameon=False, fontsize=8)
     figure.suptitle(title, fontsize=11)
     with replaced(path) as temporary:
         figure.savefig(temporary, dpi=150, format="png")
@@ -122,20 +155,28 @@ def run(
     reference_level: int = REFERENCE_LEVEL,
     shapes: Sequence[str] = CELLS,
     path: Path = PICTURE,
+    solve: Callable[[str, int], Measure] = measure,
+    title: str = DEMO["title"],
+    published: Mapping[str, tuple[int, float]] = PUBLISHED,
 ) -> str:
-    """Measure every mesh, print a line for each, write the picture and return the table."""
+    """Measure every mesh, print a line for each, write the picture and return the table.
+
+    shapes : of the cells; the reference has the first
+    solve : makes the measure of a shape and level
+    published : cells and pressure drop of another author's meshes, coarse to fine
+    """
     began = time.perf_counter()
     for shape in shapes:
         # the forms are compiled outside the measurement
-        measure(shape, 1)
-    fine = measure("triangle", reference_level)
+        solve(shape, 1)
+    fine = solve(shapes[0], reference_level)
     tell(f"reference: level {reference_level}, {fine.unknowns} unknowns, {fine.gradient:.4f} Pa/m")
     found = []
     for shape in shapes:
         for level in levels:
-            found.append(measure(shape, level))
+            found.append(solve(shape, level))
             tell(f"{shape} level {level}: {error(found[-1], fine.gradient):.1e}")
-    on_root(MPI.COMM_WORLD, lambda: picture(path, found, fine.gradient))
+    on_root(MPI.COMM_WORLD, lambda: picture(path, found, fine.gradient, title, published))
     lines = [*table(found, fine.gradient), f"picture in {path}"]
     return "\n".join([*lines, f"{time.perf_counter() - began:.0f} s in all"])
 

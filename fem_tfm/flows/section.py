@@ -266,6 +266,17 @@ class Section(Discretisation):
             function.name = name
         return fields
 
+    def friction(self) -> dict[str, fem.Function]:
+        """Frictional pressure p_f and shear stress tau_f = mu_f sqrt(2 S:S) at the nodes [Pa]."""
+        solid = self.model.solid(self.state(self.now))
+        shear = solid.mu_f * ufl.sqrt(2 * ufl.inner(solid.strain, solid.strain))
+        found = {}
+        for name, value in {"p_f": solid.p_f, "tau_f": shear}.items():
+            found[name] = fem.Function(self.space.sub(self.names.index("q")).collapse()[0])
+            points = found[name].function_space.element.interpolation_points
+            found[name].interpolate(fem.Expression(ufl.as_ufl(value), points))
+        return found
+
     def extremes(self) -> dict[str, float]:
         """Largest alpha_s [-] and Theta [m2/s2]: the early warning of a run."""
         if self.setup.solids is None:

@@ -94,21 +94,26 @@ def page(directory: Path) -> str:
     title = (result.title if result else tomllib.loads(case).get("title")) or directory.name
     parts = [f"<h1>{escape(title)}</h1>", *_head(result)]
     if result is not None:
-        parts += _section("Quantities", _quantities(result.quantities))
-        parts += _section("Balances", _balances(result))
+        parts += section("Quantities", _quantities(result.quantities))
+        parts += section("Balances", _balances(result))
     for path in _pictures(directory):
-        parts += _section(path.stem.capitalize(), [_image(path.read_bytes(), path.stem)])
-    parts += _section("Course of the run", _course(directory / MONITOR))
+        parts += section(path.stem.capitalize(), [image(path.read_bytes(), path.stem)])
+    parts += section("Course of the run", _course(directory / MONITOR))
     if result is not None:
-        parts += _section("Left out, and why", _items(result.skipped))
-        parts += _section("Inputs that the source does not print", _items(result.inferred))
-        parts += _section("Cost", _cost(result))
-    parts += _section("Case", [f"<pre>{escape(case)}</pre>"])
-    parts += _section("End of the log", _log(directory / LOG))
+        parts += section("Left out, and why", items(result.skipped))
+        parts += section("Inputs that the source does not print", items(result.inferred))
+        parts += section("Cost", _cost(result))
+    parts += section("Case", [f"<pre>{escape(case)}</pre>"])
+    parts += section("End of the log", _log(directory / LOG))
+    return document(title, parts)
+
+
+def document(title: str, parts: Iterable[str]) -> str:
+    """A whole page out of pieces of HTML."""
     return PAGE.substitute(title=escape(title), body="\n".join(parts))
 
 
-def _section(head: str, lines: Sequence[str]) -> list[str]:
+def section(head: str, lines: Sequence[str]) -> list[str]:
     """A heading over its lines, or nothing where there are none."""
     return [f"<h2>{escape(head)}</h2>", *lines] if lines else []
 
@@ -155,7 +160,8 @@ def _balances(result: Result) -> list[str]:
     return ["<table>", *rows, "</table>"] if rows else []
 
 
-def _items(texts: Iterable[str]) -> list[str]:
+def items(texts: Iterable[str]) -> list[str]:
+    """A list of texts, or nothing where there are none."""
     rows = [f"<li>{escape(text)}</li>" for text in texts]
     return ["<ul>", *rows, "</ul>"] if rows else []
 
@@ -168,7 +174,18 @@ def _cost(result: Result) -> list[str]:
         told.append(f"CPU: {result.cpu_seconds:.1f} s")
     if math.isfinite(result.peak_memory_mb):
         told.append(f"memory: {result.peak_memory_mb:.0f} MB")
-    return _items([*told, versions])
+    return items([*told, versions])
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """A table of texts, all columns but the first one set as numbers."""
+    marks = ["", *[' class="n"'] * (len(head) - 1)]
+
+    def row(tag: str, cells: Sequence[str]) -> str:
+        told = zip(marks, cells, strict=True)
+        return "<tr>" + "".join(f"<{tag}{m}>{escape(c)}</{tag}>" for m, c in told) + "</tr>"
+
+    return ["<table>", row("th", head), *(row("td", cells) for cells in rows), "</table>"]
 
 
 def _pictures(directory: Path) -> list[Path]:
@@ -176,7 +193,8 @@ def _pictures(directory: Path) -> list[Path]:
     return known + [path for path in sorted(directory.glob("[!.]*.png")) if path not in known]
 
 
-def _image(data: bytes, name: str) -> str:
+def image(data: bytes, name: str) -> str:
+    """A PNG picture inside the page."""
     text = base64.b64encode(data).decode("ascii")
     return f'<img alt="{escape(name)}" src="data:image/png;base64,{text}">'
 
@@ -218,7 +236,7 @@ def _course(path: Path) -> list[str]:
         axes.set_axis_off()
     data = BytesIO()
     figure.savefig(data, dpi=110, format="png")
-    return [_image(data.getvalue(), "monitor")]
+    return [image(data.getvalue(), "monitor")]
 
 
 def read_monitor(path: Path) -> dict[str, np.ndarray]:

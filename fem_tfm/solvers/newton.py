@@ -125,9 +125,9 @@ class DirectSolver:
             self.failed = True
             raise LinearSolveError("factorisation failed") from error
 
-    def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec) -> None:
-        """Solve with the last factorisation."""
-        self.ksp.solve(rhs, solution)
+    def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec, transposed: bool = False) -> None:
+        """Solve with the last factorisation, or with its transpose."""
+        (self.ksp.solveTranspose if transposed else self.ksp.solve)(rhs, solution)
         if self.ksp.getConvergedReason() < 0 or not math.isfinite(solution.norm()):
             self.failed = True
             raise LinearSolveError("linear solve failed")
@@ -260,6 +260,46 @@ class BorderedNewton:
             if size <= tolerance:
                 break
         return first, size
+
+    def adjoint(self, number: int) -> tuple[np.ndarray, np.ndarray]:
+        """Adjoint (v, w) of one multiplier at a solution, with one factorisation.
+
+            [ J^T  C^T ] [v]   [  0  ]
+            [ B^T   0  ] [w] = [ e_n ]
+
+        A change dF of the residual and dc of the constraints moves the multiplier by
+        -(v.dF + w.dc).
+
+        number : of the border whose multiplier it is
+        Returns the owned part of v, and w.
+
+        Raises
+        ------
+        LinearSolveError
+            when the matrix is singular.
+        """
+        self._factor()
+        schur = np.array([[row.dot(column) for column in self.solved] for row in self.rows])
+        unit, rows = np.eye(len(self.borders))[number], np.zeros(len(self.borders))
+        found = self.step_vector
+        found.set(0)
+        for _ in range(REFINEMENTS + 1):
+            self.matrix.multTranspose(found, self.work)
+            self.work.scale(-1)
+            self._take_rows(rows, self.work)
+            missing = unit - np.array([column.dot(found) for column in self.columns])
+            change = np.array([column.dot(self.work) for column in self.solved]) - missing
+            change = np.linalg.solve(schur.T, change)
+            self._take_rows(change, self.work)
+            self.solver.solve(self.work, self.correction, transposed=True)
+            found.axpy(1, self.correction)
+            rows += change
+        return found.array_r.copy(), rows
+
+    def _take_rows(self, factors: np.ndarray, vector: PETSc.Vec) -> None:
+        """Subtract C^T times the factors from a vector."""
+        for factor, row in zip(factors, self.rows, strict=True):
+            vector.axpy(-factor, row)
 
     def _factor(self) -> None:
         self.matrix.zeroEntries()
