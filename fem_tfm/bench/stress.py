@@ -222,9 +222,7 @@ def solve(case: Case, number: int = 0) -> Outcome:
     except (ArithmeticError, RuntimeError, ValueError) as error:
         reason = f"not a SolverError but {type(error).__name__}: {error}"
     cpu = time.process_time() - began
-    return Outcome(
-        number, reason, effort.factorisations, cpu, gradient, error_estimate, mesh_terms
-    )
+    return Outcome(number, reason, effort.factorisations, cpu, gradient, error_estimate, mesh_terms)
 
 
 def describe(case: Case) -> str:

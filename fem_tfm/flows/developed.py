@@ -24,6 +24,8 @@ from fem_tfm.solvers.pseudo_time import History, PseudoTime, StepControl
 FIRST_STEP, SMALLEST_STEP, LARGEST_STEP = 0.13, 1e-5, 1e7
 # update at which a mesh is left for a finer one
 COARSE_TOLERANCE = 1e-3
+# update of a coarser mesh that only leads the finest one and tells its error
+GUIDE_TOLERANCE = 1e-6
 # shares of the largest number of steps: for one way to start, and for lowering the mesh's terms
 PATIENCE, FOLLOWING = 0.5, 0.15
 # steps of a careful march end closer to their solution and grow slower
@@ -112,9 +114,9 @@ def solve_level(
 ) -> History:
     """Steady state of one section from a cold start, or from another mesh's answer.
 
-    A warm start takes the largest step at once; if it gets nowhere the section starts cold, at first
-    quickly, then carefully. What still fails is solved with raised terms of the mesh, which are then
-    lowered as far as the solution follows; the section tells how far that was.
+    A warm start takes the largest step at once; if it gets nowhere the section starts cold, at
+    first quickly, then carefully. What still fails is solved with raised terms of the mesh, which
+    are then lowered as far as the solution follows; the section tells how far that was.
 
     Raises
     ------
@@ -180,7 +182,7 @@ def _lowered(
             scheme.ease(section, factor)
             section.restore(kept)
             break
-        factor, section.rougher = factor / 2, kept
+        factor, section.rougher = factor / 2, kept if factor > 2 else None
     if factor > 1 and section.rougher is None:
         kept = section.stored()
         scheme.ease(section, 2 * factor)
@@ -272,7 +274,8 @@ def resolve(
         if coarser is not None:
             start.follow(section, *coarser)
         length = section.mesh.geometry.hydraulic_diameter
-        control = step_control(setup, length, tolerance, max_steps)
+        enough = max(tolerance, GUIDE_TOLERANCE) if old is not solution.levels[-1] else tolerance
+        control = step_control(setup, length, enough, max_steps)
         history = _march(section, control, observer).run(first=control.largest)
         coarser = section, before
         drive, cpu = float(section.drive.value), time.process_time() - cpu

@@ -24,6 +24,8 @@ from petsc4py import PETSc
 
 _COUNTER = iter(range(1 << 30))
 REFINEMENTS = 1
+# a linear solution with a smaller relative residual is not refined
+ACCURATE = 1e-11
 # step lengths below this are a failure; corrections of this size are noise
 SHORTEST, ROUND_OFF = 0.01, 1e-8
 # polishing: each correction at most this share of the one before, and at most so many
@@ -289,7 +291,7 @@ class BorderedNewton:
     def _correction(self) -> tuple[np.ndarray, np.ndarray]:
         """Newton correction at the present position with the last factorisation.
 
-        Block elimination with one refinement. J alone is nearly singular when only a constraint
+        Block elimination with one refinement where it is needed. J alone is nearly singular when only a constraint
         fixes a mode (the total mass at a large dt); refining against the bordered residual restores
         the digits that elimination loses there.
         """
@@ -297,15 +299,20 @@ class BorderedNewton:
         if not math.isfinite(self.rhs.norm()):
             raise LinearSolveError("the residual is not finite")
         wanted = -np.array(self.constraint_errors())
+        targets = np.array([abs(float(border.target.value)) for border in self.borders])
+        size = self.rhs.norm()
         step, changes = self.step_vector, np.zeros(len(self.borders))
         step.set(0)
-        for _ in range(REFINEMENTS + 1):
+        for refinement in range(REFINEMENTS + 1):
             self.matrix.mult(step, self.work)
             self.work.axpy(1, self.rhs)
             self.work.scale(-1)
             for change, column in zip(changes, self.columns, strict=True):
                 self.work.axpy(-change, column)
             missing = wanted - np.array([row.dot(step) for row in self.rows])
+            kept = bool(np.all(np.abs(missing) <= ACCURATE * targets))
+            if refinement and kept and self.work.norm() <= ACCURATE * size:
+                break
             changes += self._eliminate(missing)
         return step.array_r.copy(), changes
 
