@@ -37,7 +37,6 @@ COARSEST = 0.25
 # regularisations in units of U_g and D; their effect on the pressure gradient is in docs/dense.md
 ALPHA_DIFFUSION, SLIP_FLOOR, SHEAR_FLOOR, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 1e-4, 1e-3, 0.1, 1e-8
 WALL_PENALTY, SMOOTHING, SMALLEST_RATE, K_FLOOR = 200.0, 0.05, 1e-4, 2.5e-4
-VOID_FRACTION, VOID_RATE = 1e-4, 100.0
 # a state that breaks a balance by more is no answer
 BALANCE_ERROR = 1e-6
 
@@ -54,8 +53,6 @@ def setup_of(case: Case) -> Setup:
         smallest_rate=SMALLEST_RATE * speed / width,
         theta_floor=given.theta_floor,
         slip_floor=SLIP_FLOOR * speed,
-        void_fraction=VOID_FRACTION,
-        void_rate=VOID_RATE * speed / width,
         grain_gap=case.walls.grain_gap * (case.solids.diameter if case.solids else 0.0),
         k_floor=K_FLOOR * speed**2,
         shear_floor=SHEAR_FLOOR * speed / width,

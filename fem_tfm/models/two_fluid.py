@@ -77,8 +77,6 @@ class Numerics:
     smallest_rate : added in quadrature to the rates of both [1/s]
     theta_floor : granular temperature that an unsheared plug keeps [m2/s2]
     slip_floor : added in quadrature to the slip speed in the drag [m/s]
-    void_fraction, void_rate : a [-] and r [1/s] of a further drag rho_s r a^3/(alpha_s^2 + a^2),
-        with which the few grains of a void follow the gas; nothing else holds a velocity there
     grain_gap : height over which the drag fades to the wall [m], 0 for none
     k_floor : turbulent energy that grains leave to the gas [m2/s2]
     shear_floor : added in quadrature to the gas shear rate in the eddy viscosity [1/s]
@@ -97,8 +95,6 @@ class Numerics:
     smallest_rate: Any
     theta_floor: Any
     slip_floor: Any
-    void_fraction: Any
-    void_rate: Any
     grain_gap: Any
     k_floor: Any
     shear_floor: Any
@@ -273,16 +269,14 @@ class TwoFluid:
         return replace(found, mu_t=alpha * self.solids.density * nu_t)
 
     def drag(self, state: State) -> Expr:
-        """Drag coefficient beta of the law and of the voids [kg/m3/s]."""
-        alpha, void = self.alpha(state), self.numerics.void_fraction
-        held = self.solids.density * self.numerics.void_rate * void**3 / (alpha**2 + void**2)
-        return alpha * self.specific_drag(state) + held
-
-    def specific_drag(self, state: State) -> Expr:
-        """beta/alpha_s of the law [kg/m3/s] with the slip speed kept off zero.
+        """Drag coefficient beta [kg/m3/s] with the slip speed kept off zero.
 
         It fades as y'^2/(y'^2 + gap^2) next to the wall, which the grains' centres cannot reach.
         """
+        return self.alpha(state) * self.specific_drag(state)
+
+    def specific_drag(self, state: State) -> Expr:
+        """beta/alpha_s [kg/m3/s]."""
         slip, height = state.u_g - state.u_s, self.stretch()[0] ** 2
         speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
         share = height / (height + self.numerics.grain_gap**2)

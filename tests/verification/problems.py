@@ -142,8 +142,6 @@ def plain_numerics(**changes: float) -> Numerics:
         "smallest_rate": 0.1,
         "theta_floor": 0.01,
         "slip_floor": 0.1,
-        "void_fraction": 0.2,
-        "void_rate": 0.7,
         "grain_gap": 0.0,
         "k_floor": 0.02,
         "shear_floor": 0.1,

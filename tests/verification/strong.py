@@ -89,12 +89,10 @@ class Strong:
         return sym - np.eye(3)[:, :, None] * dilation / 3, dilation
 
     def beta(self, s: Exact, x: np.ndarray) -> np.ndarray:
-        """Drag coefficient, with that of the voids."""
-        slip, alpha = s.u_g(x) - s.u_s(x), self.alpha(s, x)
+        """Drag coefficient."""
+        slip = s.u_g(x) - s.u_s(x)
         speed = np.sqrt((slip**2).sum(0) + self.numerics.slip_floor**2)
-        void = self.numerics.void_fraction / (1 + (alpha / self.numerics.void_fraction) ** 2)
-        held = self.solids.density * self.numerics.void_rate * void
-        return self.closures.drag.beta(alpha, speed, self.gas, self.solids) + held
+        return self.closures.drag.beta(self.alpha(s, x), speed, self.gas, self.solids)
 
     def coefficients(self, s: Exact, x: np.ndarray) -> tuple[Any, Any, Any]:
         """Kinetic coefficients, friction and g0."""
