@@ -291,9 +291,9 @@ class BorderedNewton:
     def _correction(self) -> tuple[np.ndarray, np.ndarray]:
         """Newton correction at the present position with the last factorisation.
 
-        Block elimination with one refinement where it is needed. J alone is nearly singular when only a constraint
-        fixes a mode (the total mass at a large dt); refining against the bordered residual restores
-        the digits that elimination loses there.
+        Block elimination with one refinement where it is needed. J alone is nearly singular when
+        only a constraint fixes a mode (the total mass at a large dt); refining against the bordered
+        residual restores the digits that elimination loses there.
         """
         self.assemble_residual()
         if not math.isfinite(self.rhs.norm()):
