@@ -27,7 +27,7 @@ COARSE_TOLERANCE = 1e-3
 # update of a coarser mesh that only leads the finest one and tells its error
 GUIDE_TOLERANCE = 1e-6
 # shares of the largest number of steps: for one way to start, and for lowering the mesh's terms
-PATIENCE, FOLLOWING = 0.5, 0.15
+PATIENCE, FOLLOWING = 0.5, 0.3
 # steps of a careful march end closer to their solution and grow slower
 CAREFUL = {"loose": 0.1, "max_iterations": 15, "growth": 1.5}
 # factors on the terms of the mesh, tried where the standard ones lead to no steady state
