@@ -104,6 +104,9 @@ def test_where_the_standard_mesh_terms_fail_raised_ones_say_so(
     assert "1 of them with raised terms" in stress.summary([standard, raised])
     result = case.run()
     assert any("4 times numerics.capture" in line for line in result.skipped)
+    monkeypatch.setattr(stress.dense, "LARGEST_CHANGE", 1e-6)
+    refused = stress.solve(case)
+    assert not refused.converged and "which decide it" in refused.reason
 
 
 def _value(case: Case, key: str) -> float:

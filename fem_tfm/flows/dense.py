@@ -39,6 +39,8 @@ ALPHA_DIFFUSION, SLIP_FLOOR, SHEAR_FLOOR, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 1
 WALL_PENALTY, SMOOTHING, SMALLEST_RATE, K_FLOOR = 200.0, 0.05, 1e-4, 2.5e-4
 # a state that breaks a balance by more is no answer
 BALANCE_ERROR = 1e-6
+# and one whose gradient the raised terms of the mesh change by a larger share is none either
+LARGEST_CHANGE = 0.5
 
 
 def setup_of(case: Case) -> Setup:
@@ -151,6 +153,11 @@ def estimated(
     """Quantities on the finest mesh, and the change of each since the mesh before.
 
     Where the terms of the mesh had to be raised, the change by doubling them is added.
+
+    Raises
+    ------
+    SolverError
+        doubling them changes the gradient so much that they decide it.
     """
     found, errors = developed.with_changes(
         [quantities(level.section, length) for level in solution.levels[-2:]]
@@ -162,7 +169,15 @@ def estimated(
     section.restore(section.rougher)
     rougher = quantities(section, length)
     section.restore(state)
-    return found, {n: (errors[n] or 0.0) + abs(rougher[n] - found[n]) for n in found}
+    changes = {name: abs(rougher[name] - found[name]) for name in found}
+    change, gradient = changes["pressure_gradient"], abs(found["pressure_gradient"])
+    if change > LARGEST_CHANGE * gradient:
+        raise SolverError(
+            f"a steady state was found only with {section.mesh_terms:g} times numerics.capture and"
+            f" numerics.damping, which decide it: doubling them changes {gradient:.3g} Pa/m by"
+            f" {change:.3g}"
+        )
+    return found, {name: (errors[name] or 0.0) + changes[name] for name in found}
 
 
 def balances(section: Section) -> dict[str, float]:
