@@ -32,6 +32,9 @@ class Transfer:
     error is that of the function itself. Nodes outside the source mesh by up to 3 % of its extent
     are extrapolated.
 
+    known : transfers between the same two meshes by the nodes of their targets' cells; one of equal
+        nodes lends what it found, and a new one is entered
+
     Raises
     ------
     InputError
@@ -40,11 +43,21 @@ class Transfer:
         a node is further away.
     """
 
-    def __init__(self, source: fem.FunctionSpace, target: fem.FunctionSpace) -> None:
+    def __init__(
+        self,
+        source: fem.FunctionSpace,
+        target: fem.FunctionSpace,
+        known: dict[bytes, Transfer] | None = None,
+    ) -> None:
         shapes = source.value_shape, target.value_shape
         if shapes[0] != shapes[1]:
             raise InputError("source", shapes[0], f"a function of shape {shapes[1]}, as the target")
         self._cells = np.arange(_count_cells(target.mesh), dtype=np.int32)
+        held, nodes = {} if known is None else known, target.element.interpolation_points.tobytes()
+        held.setdefault(nodes, self)
+        if held[nodes] is not self:
+            self._data = held[nodes]._data
+            return
         extent = _extent(source.mesh)
         for padding in PADDINGS:
             self._data = fem.create_interpolation_data(

@@ -15,6 +15,8 @@ from fem_tfm.case import Case
 from fem_tfm.closures import make, names
 from fem_tfm.errors import InputError, SolverError
 from fem_tfm.flows import developed
+from fem_tfm.flows.section import Section
+from fem_tfm.solvers.pseudo_time import History, PseudoTime
 
 
 def test_every_law_stands_in_several_sets() -> None:
@@ -63,6 +65,48 @@ def test_the_cases_fill_their_ranges_and_are_the_same_every_time() -> None:
         assert case.solids.diameter <= stress.LARGEST_GRAIN * case.geometry.diameter
         packed = case.closures.friction.name in stress.PLASTIC
         assert (case.solids.friction_limit == stress.PACKED_FRACTION) == packed
+
+
+def test_a_constant_drag_is_of_the_size_of_its_scene() -> None:
+    factors = []
+    for case in stress.cases():
+        if case.closures.drag.name == "constant":
+            alpha, d = case.operation.solids_fraction, case.solids.diameter
+            size = 150 * alpha * 1.8e-5 / ((1 - alpha) * d**2) + 18 * 1.8e-5 / d**2
+            factors.append(case.closures.drag.value / size)
+    low, high = stress.CONSTANT_DRAG
+    assert len(factors) > 10 and low <= min(factors) < 1 < max(factors) <= high
+
+
+def test_where_the_standard_mesh_terms_fail_raised_ones_say_so(
+    dense: dict, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = Case.from_dict({**dense, "numerics": {"level": 1}})
+    standard, march = stress.solve(case), developed._march
+
+    def stubborn(section: Section, *given: object) -> PseudoTime:
+        found = march(section, *given)
+        run = found.run
+
+        def steady_if_raised(first: float | None = None) -> History:
+            if section.mesh_terms < 4:
+                raise SolverError("not steady")
+            return run(first)
+
+        found.run = steady_if_raised
+        return found
+
+    monkeypatch.setattr(developed, "_march", stubborn)
+    raised = stress.solve(case)
+    assert (standard.mesh_terms, raised.mesh_terms) == (1, 4)
+    assert 1e-4 < abs(raised.gradient / standard.gradient - 1)
+    assert abs(raised.gradient - standard.gradient) < raised.error
+    assert "1 of them with raised terms" in stress.summary([standard, raised])
+    result = case.run()
+    assert any("4 times numerics.capture" in line for line in result.skipped)
+    monkeypatch.setattr(stress.dense, "LARGEST_CHANGE", 1e-6)
+    refused = stress.solve(case)
+    assert not refused.converged and "which decide it" in refused.reason
 
 
 def _value(case: Case, key: str) -> float:

@@ -7,9 +7,11 @@ starts from the coarser answer and needs a handful. The last two meshes give the
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 from fem_tfm.errors import SolverError
@@ -22,6 +24,14 @@ from fem_tfm.solvers.pseudo_time import History, PseudoTime, StepControl
 FIRST_STEP, SMALLEST_STEP, LARGEST_STEP = 0.13, 1e-5, 1e7
 # update at which a mesh is left for a finer one
 COARSE_TOLERANCE = 1e-3
+# update of a coarser mesh that only leads the finest one and tells its error
+GUIDE_TOLERANCE = 1e-6
+# shares of the largest number of steps: for one way to start, and for lowering the mesh's terms
+PATIENCE, FOLLOWING = 0.5, 0.3
+# steps of a careful march end closer to their solution and grow slower
+CAREFUL = {"loose": 0.1, "max_iterations": 15, "growth": 1.5}
+# factors on the terms of the mesh, tried where the standard ones lead to no steady state
+RAISED = (4.0, 16.0)
 
 
 @dataclass
@@ -80,15 +90,19 @@ QUIET = Observer()
 
 @dataclass(frozen=True)
 class Scheme:
-    """How the sections of one kind of flow are made, started and stepped."""
+    """How the sections of one kind of flow are made, started and stepped.
+
+    ease : multiplies the terms of the mesh by a factor; None where a section has none
+    """
 
     section: Callable[..., Any] = Section
     cold: Callable[[Any], None] = start.cold
     warm: Callable[[Any, Any], None] = start.warm
     control: Callable[..., StepControl] = step_control
+    ease: Callable[[Any, float], None] | None = None
 
 
-DENSE = Scheme()
+DENSE = Scheme(ease=Section.ease)
 
 
 def solve_level(
@@ -100,25 +114,83 @@ def solve_level(
 ) -> History:
     """Steady state of one section from a cold start, or from another mesh's answer.
 
-    A warm start takes the largest step at once; if it gets nowhere the section starts cold. A cold
-    start is tried with both ways to limit Newton's steps, the quicker one first.
+    A warm start takes the largest step at once; if it gets nowhere the section starts cold, at
+    first quickly, then carefully. What still fails is solved with raised terms of the mesh, which
+    are then lowered as far as the solution follows; the section tells how far that was.
+
+    Raises
+    ------
+    SolverError
+        nothing led to a steady state.
     """
-    section.newton.saturate = True
+    control = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
     march = _march(section, control, observer)
+    careful = _march(section, replace(control, **CAREFUL), observer)
+    ways = [(march.run, scheme.cold), (careful.run, partial(_whole, scheme))]
     if previous is not None:
-        scheme.warm(section, previous)
+        ways.insert(0, (partial(march.run, control.largest), partial(_from, previous, scheme)))
+    if scheme.ease is not None:
+        steps = math.ceil(FOLLOWING * control.max_steps)
+        follower = _march(section, replace(control, max_steps=steps), observer)
+        lowered = partial(_lowered, section, march, follower, scheme)
+        ways += [(partial(lowered, f), partial(_raised, scheme, f)) for f in RAISED]
+    for run, begin in ways[:-1]:
+        begin(section)
         try:
-            return march.run(first=control.largest)
+            return run()
         except SolverError as error:
-            observer.retry(control.first, f"{error}; cold start")
-    try:
-        scheme.cold(section)
-        return march.run()
-    except SolverError as error:
-        observer.retry(control.first, f"{error}; cold start with shortened steps")
+            observer.retry(control.first, f"{error}; another start")
+    run, begin = ways[-1]
+    begin(section)
+    return run()
+
+
+def _from(previous: Any, scheme: Scheme, section: Any) -> None:
+    """Start from the answer of another mesh."""
+    scheme.warm(section, previous)
+
+
+def _whole(scheme: Scheme, section: Any) -> None:
+    """Start cold, with Newton's steps shortened as a whole."""
     section.newton.saturate = False
     scheme.cold(section)
-    return march.run()
+
+
+def _raised(scheme: Scheme, factor: float, section: Any) -> None:
+    """Start cold with raised terms of the mesh."""
+    section.newton.saturate = True
+    scheme.ease(section, factor)
+    scheme.cold(section)
+
+
+def _lowered(
+    section: Any, march: PseudoTime, follower: PseudoTime, scheme: Scheme, factor: float
+) -> History:
+    """Steady state at raised terms of the mesh, then at half of them, down to the standard.
+
+    Where the standard is not reached, the difference to the state before is part of the error: what
+    the last halving of the terms changed, the rest of them changes as much again.
+    """
+    history = march.run()
+    section.rougher = None
+    while factor > 1:
+        kept = section.stored()
+        scheme.ease(section, factor / 2)
+        try:
+            history = follower.run(march.control.largest)
+        except SolverError:
+            scheme.ease(section, factor)
+            section.restore(kept)
+            break
+        factor, section.rougher = factor / 2, kept if factor > 2 else None
+    if factor > 1 and section.rougher is None:
+        kept = section.stored()
+        scheme.ease(section, 2 * factor)
+        follower.run(march.control.largest)
+        section.rougher = section.stored()
+        scheme.ease(section, factor)
+        section.restore(kept)
+    return history
 
 
 def _march(section: Section, control: StepControl, observer: Observer) -> PseudoTime:
@@ -202,7 +274,8 @@ def resolve(
         if coarser is not None:
             start.follow(section, *coarser)
         length = section.mesh.geometry.hydraulic_diameter
-        control = step_control(setup, length, tolerance, max_steps)
+        enough = max(tolerance, GUIDE_TOLERANCE) if old is not solution.levels[-1] else tolerance
+        control = step_control(setup, length, enough, max_steps)
         march = _march(section, control, observer)
         march.approach()
         history = march.run(first=control.largest)

@@ -9,7 +9,7 @@ import numpy as np
 
 from fem_tfm.correlations import friction_velocity
 from fem_tfm.flows.duct_section import DuctSection
-from fem_tfm.flows.start import transfer_field
+from fem_tfm.flows.start import transfer_fields
 from fem_tfm.models.reynolds_stress import COMPONENTS
 
 # turbulent energy on the axis over u_tau^2; that at the wall is the log layer's
@@ -132,7 +132,6 @@ def _fulfil(section: DuctSection) -> None:
 
 def warm(section: DuctSection, source: DuctSection) -> None:
     """The answer of another mesh of the same problem, with its pressure gradient."""
-    for i in range(len(section.names)):
-        transfer_field(source, section, i)
+    transfer_fields(source, section)
     section.drive.value = float(source.drive.value)
     _fulfil(section)

@@ -117,6 +117,8 @@ class Section(Discretisation):
         self.domain = self._domain()
         self.area = self.integral("area", self._constant(1.0))
         self.model = TwoFluid(*setup.bound(self._number), self._axis(), self.domain)
+        # factor on the terms of the mesh, and the state at twice the factor where it is not 1
+        self.mesh_terms, self.rougher = 1.0, None
         self.newton = self._newton(progress)
 
     def _axis(self) -> Axis:
@@ -135,10 +137,24 @@ class Section(Discretisation):
             raise ValueError("a section can take over numbers only, and this setup has other laws")
         self._renew(setup.bound)
         self.domain.wall_offset.value = setup.wall_offset
-        self.setup = setup
+        self.setup, self.mesh_terms, self.rougher = setup, 1.0, None
         for border, target in zip(self.newton.borders, self._targets(), strict=True):
             border.target.value = target
         self.newton.blocks = self._blocks()
+
+    def ease(self, factor: float) -> None:
+        """Multiply the terms that stand in for what the mesh cannot carry, capture and damping."""
+        held, given = self.model.numerics, self.setup.numerics
+        held.capture.value, held.damping.value = factor * given.capture, factor * given.damping
+        self.mesh_terms = factor
+
+    def stored(self) -> tuple[np.ndarray, float, float]:
+        """The state: a copy of the unknowns, G [Pa/m] and the source [1/s]."""
+        return self.now.x.array.copy(), float(self.drive.value), float(self.source.value)
+
+    def restore(self, state: tuple[np.ndarray, float, float]) -> None:
+        """Put back what `stored` gave."""
+        self.now.x.array[:], self.drive.value, self.source.value = state
 
     def _domain(self) -> Domain:
         mesh = self.mesh.mesh

@@ -107,8 +107,7 @@ def _strong_zero(section: Section) -> None:
 
 def warm(section: Section, source: Section) -> None:
     """The answer of another mesh of the same problem, with its multipliers."""
-    for i in range(len(section.names)):
-        transfer_field(source, section, i)
+    transfer_fields(source, section)
     section.drive.value = float(source.drive.value)
     section.source.value = float(source.source.value)
     _strong_zero(section)
@@ -122,11 +121,7 @@ def follow(section: Section, source: Section, before: np.ndarray) -> None:
     """
     after = source.now.x.array.copy()
     state = section.now.x.array.copy()
-    if source not in section.carriers:
-        # kept, for a sweep follows again and again; a start on a new mesh happens once
-        numbers = range(len(section.names))
-        section.carriers[source] = [Carrier(source, section, i) for i in numbers]
-    for carrier in section.carriers[source]:
+    for carrier in carriers(source, section):
         carrier.carry(after - before, section.now.x.array)
     section.now.x.array[:] += state
     section.drive.value = float(source.drive.value)
@@ -137,12 +132,14 @@ def follow(section: Section, source: Section, before: np.ndarray) -> None:
 class Carrier:
     """Carries one unknown from a section to another mesh; what the meshes fix is found once."""
 
-    def __init__(self, source: Discretisation, target: Discretisation, i: int) -> None:
+    def __init__(
+        self, source: Discretisation, target: Discretisation, i: int, known: dict[bytes, Transfer]
+    ) -> None:
         given, self._from = source.space.sub(i).collapse()
         found, self._to = target.space.sub(i).collapse()
         self._from, self._to = np.asarray(self._from).ravel(), np.asarray(self._to).ravel()
         self._given, self._found = fem.Function(given), fem.Function(found)
-        self._transfer = Transfer(given, found)
+        self._transfer = Transfer(given, found, known)
 
     def carry(self, source: np.ndarray, target: np.ndarray) -> None:
         """From all unknowns of the source to those of the target."""
@@ -151,6 +148,16 @@ class Carrier:
         target[self._to] = self._found.x.array
 
 
-def transfer_field(source: Discretisation, target: Discretisation, i: int) -> None:
-    """Carry unknown number i from one mesh to another."""
-    Carrier(source, target, i).carry(source.now.x.array, target.now.x.array)
+def carriers(source: Discretisation, target: Discretisation) -> list[Carrier]:
+    """One for each unknown, kept with the target; those of equal elements share what they find."""
+    if source not in target.carriers:
+        known: dict[bytes, Transfer] = {}
+        numbers = range(len(target.names))
+        target.carriers[source] = [Carrier(source, target, i, known) for i in numbers]
+    return target.carriers[source]
+
+
+def transfer_fields(source: Discretisation, target: Discretisation) -> None:
+    """Carry all unknowns from one mesh to another."""
+    for carrier in carriers(source, target):
+        carrier.carry(source.now.x.array, target.now.x.array)

@@ -24,7 +24,7 @@ from petsc4py import PETSc
 
 _COUNTER = iter(range(1 << 30))
 # a linear solution is refined at most so often, and not where its residual is this small
-REFINEMENTS, EXACT = 1, 1e-8
+REFINEMENTS, EXACT = 1, 1e-10
 # step lengths below this are a failure; corrections of this size are noise
 SHORTEST, ROUND_OFF = 0.01, 1e-8
 # polishing: each correction at most this share of the one before, and at most so many
