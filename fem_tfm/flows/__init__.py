@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from fem_tfm.case import DEVELOPING, FLOWS, Case
+from fem_tfm.case import FLOWS, SOLUTIONS, Case
 
 if TYPE_CHECKING:
     from fem_tfm.output.result import Result
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def _module(case: Case) -> ModuleType:
-    own = DEVELOPING if case.solution == "developing" else {}
+    own = SOLUTIONS.get(case.solution, {})
     return import_module(own.get(case.flow) or FLOWS[case.flow])
 
 
