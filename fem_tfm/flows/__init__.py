@@ -30,7 +30,11 @@ def run(
     SolverError
         no answer was reached; the last good state and the reason are in `out`.
     """
-    return _module(case).run(case, out, resume=resume, overwrite=overwrite, progress=progress)
+    # late, so that this module loads without PETSc
+    from fem_tfm.flows.driver import drive
+
+    scene = _module(case).SCENE
+    return drive(scene, case, out, resume=resume, overwrite=overwrite, progress=progress)
 
 
 def describe(case: Case) -> dict[str, Any]:
