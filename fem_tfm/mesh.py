@@ -339,6 +339,14 @@ class Mesh:
         """UFL distance to the wall [m], see the geometry."""
         return self.geometry.wall_distance(ufl.SpatialCoordinate(self.mesh))
 
+    def straightened(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Points (n, 3) as they would lie in the straight line, z along the axis [m]."""
+        return x
+
+    def axis(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Direction of the axis at points, (n, 3)."""
+        return np.broadcast_to([0.0, 0.0, 1.0], x.shape)
+
     def facets(self, name: str) -> npt.NDArray[np.int32]:
         """Local indices of the facets called `name`; empty if the mesh has no such part."""
         tag = self.tags.get(name)
@@ -438,6 +446,20 @@ def resolution_of(case: Any) -> dict[str, Any]:
         "wall_ratio": ratio,
         "cells": given.cells,
     }
+
+
+def axial_layers(case: Any) -> int:
+    """Cells along the line of a case: twice as long as the core cells are wide by default."""
+    resolution = Resolution(**resolution_of(case), order=1)
+    wanted = case.geometry.length / (2 * resolution.core_size(geometry_of(case)))
+    return case.numerics.axial_cells or max(1, round(wanted))
+
+
+def line(case: Any, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
+    """Three-dimensional mesh of the line of a case, with straight edges."""
+    length = case.geometry.length
+    given = resolution_of(case) | {"order": 1}
+    return extruded(geometry_of(case), length, axial_layers(case), comm=comm, **given)
 
 
 def write_case_mesh(case: Any, path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Samples of an unsteady flow while it runs: values at points and means over sections, as tables."""
+"""Samples of an unsteady flow while it runs: values at points, means over sections, tables."""
 
 from __future__ import annotations
 

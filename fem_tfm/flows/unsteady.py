@@ -20,9 +20,10 @@ from mpi4py import MPI
 from fem_tfm import signals
 from fem_tfm.case import Case
 from fem_tfm.flows import dense
-from fem_tfm.flows.recorder import Recorder, attempt, check_resumable, prepare, with_references
+from fem_tfm.flows.driver import Answer, Scene
+from fem_tfm.flows.recorder import Recorder
 from fem_tfm.flows.samples import MEANS, Probes, Sections, Table, columns
-from fem_tfm.mesh import axial_layers, line, section_of
+from fem_tfm.mesh import axial_layers, geometry_of, line
 from fem_tfm.models.unsteady import Feed, Flow3D, Report
 from fem_tfm.output import checkpoint
 from fem_tfm.output.fields import FieldWriter
@@ -76,7 +77,9 @@ def milestones(case: Case) -> list[float]:
     end, given = case.numerics.end_time, case.operation
     spans = (interval(case), case.output.checkpoint_interval or interval(case))
     times = [k * span for span in spans for k in range(1, math.ceil(end / span))]
-    times += [time for schedule in (given.gas_schedule, given.solids_schedule) for time, _ in schedule]
+    times += [
+        time for schedule in (given.gas_schedule, given.solids_schedule) for time, _ in schedule
+    ]
     times += itertools.chain.from_iterable(given.outlet_blocked)
     found: list[float] = []
     for time in sorted(times):
@@ -109,7 +112,7 @@ def start(case: Case, flow: Flow3D) -> None:
     if given.state == "rest":
         flow.start()
     elif given.state == "bed":
-        x, y, s = flow.mesh.straightened(cells.centre).T
+        _, y, s = flow.mesh.straightened(cells.centre).T
         bottom = -case.geometry.size[1] / 2
         top = math.inf if given.bed_height is None else bottom + given.bed_height
         end = math.inf if given.bed_end is None else given.bed_end
@@ -183,9 +186,7 @@ class FlowRecorder(Recorder):
             # a run that was killed has written rows behind its checkpoint
             on_root(MPI.COMM_WORLD, partial(_drop_rows, out, self.since))
         super().__init__(case, out, progress, resume, COLUMNS)
-        self.section: Stepped | None = None
         self.stepping: TimeStepping | None = None
-        self._resume = resume
         self._writer: FieldWriter | None = None
         self._probes: Probes | None = None
         self._sections: Sections | None = None
@@ -209,9 +210,9 @@ class FlowRecorder(Recorder):
             )
         if self.out is not None and given.xdmf:
             self._writer = FieldWriter(
-                self.out / "fields", section.mesh.mesh, append=self._resume, until=self.since
+                self.out / "fields", section.mesh.mesh, append=self.resume, until=self.since
             )
-        if not self._resume:
+        if not self.resume:
             self._keep_fields()
 
     def step(self) -> None:
@@ -251,6 +252,10 @@ class FlowRecorder(Recorder):
         numbers |= {f"stepping.{name}": v for name, v in self.stepping.state().items()}
         mesh = self.section.mesh.mesh
         checkpoint.save_cells(self.out, mesh, values, {**numbers, "time": self.stepping.time})
+
+    def step_back(self) -> None:
+        """Keep the last accepted state."""
+        self.save()
 
     def restore(self, section: Stepped, stepping: TimeStepping) -> None:
         """Put the checkpoint back."""
@@ -293,7 +298,7 @@ def _drop_rows(out: Path, time: float) -> None:
 # -- the run -----------------------------------------------------------------------------------
 
 
-def solve(case: Case, recorder: FlowRecorder, resume: bool) -> Stepped:
+def solve(case: Case, recorder: FlowRecorder) -> Answer:
     """Take the flow of a case to its end.
 
     Raises
@@ -305,7 +310,7 @@ def solve(case: Case, recorder: FlowRecorder, resume: bool) -> Stepped:
     """
     section = Stepped(case, Flow3D(case, line(case)))
     stepping = TimeStepping(step_control(case), milestones(case), recorder.log)
-    if resume:
+    if recorder.resume:
         recorder.restore(section, stepping)
     else:
         start(case, section.flow)
@@ -316,57 +321,23 @@ def solve(case: Case, recorder: FlowRecorder, resume: bool) -> Stepped:
             recorder.step()
             if request.on_any(recorder.comm):
                 raise KeyboardInterrupt
-    return section
+    flow = section.flow
+    return Answer("finished", flow.quantities(), flow.balances(), "pressure_drop")
 
 
-def run(
-    case: Case, out: Path | None, *, resume: bool, overwrite: bool, progress: Progress
-) -> Result:
-    """Solve the unsteady flow of a case.
-
-    Raises
-    ------
-    InputError
-        `resume` finds no checkpoint, or one of another case.
-    SolverError
-        the end was not reached; the last state and the reason are in `out`.
-    """
-    if resume:
-        check_resumable(case, out)
-    if out is not None:
-        on_root(MPI.COMM_WORLD, lambda: prepare(case, out, overwrite, FILES))
-    recorder = FlowRecorder(case, out, progress, resume)
-    for sentence in dense.advice(case):
-        progress.warn(sentence)
-
-    def finished() -> Result:
-        section = solve(case, recorder, resume)
-        recorder.lap("solve")
-        return _finish(case, section, recorder)
-
-    return attempt(finished, partial(_keep, case, recorder), recorder)
+def skipped(case: Case) -> list[str]:
+    """What the scene did not need, and why."""
+    left_out = []
+    if geometry_of(case).symmetry == "half":
+        left_out.append("left half: mirror image of the right one")
+    return left_out + dense.skipped_laws(case)
 
 
-def _keep(case: Case, recorder: FlowRecorder, status: str, reason: str) -> None:
-    """Write the state of an unfinished run and why it stopped."""
-    result = dense.result_of(case, status, recorder, reason)
-    recorder.log(f"{status}: {reason}")
-    if recorder.section is not None:
-        recorder.save()
-    recorder.write(result)
+def write(case: Case, recorder: FlowRecorder, result: Result) -> None:
+    """Nothing beyond what the recorder has written along the way."""
 
 
-def _finish(case: Case, section: Stepped, recorder: FlowRecorder) -> Result:
-    """Quantities and balances at the end."""
-    result = dense.result_of(case, "finished", recorder)
-    found = section.flow.quantities()
-    result.quantities = with_references(case, found, dict.fromkeys(found))
-    result.balances = section.flow.balances()
-    recorder.lap("output")
-    recorder.write(result)
-    recorder.log(f"finished: pressure drop {result['pressure_drop']:.6g} Pa")
-    return result
-
+SCENE = Scene(FlowRecorder, FILES, dense.advice, skipped, solve, write)
 
 # measured on the demo: memory of a cell and CPU time of a cell and step
 BASE_MEMORY, CELL_MEMORY, CELL_TIME = 180, 0.006, 5e-6
@@ -374,9 +345,9 @@ BASE_MEMORY, CELL_MEMORY, CELL_TIME = 180, 0.006, 5e-6
 
 def describe(case: Case) -> dict[str, Any]:
     """What would be solved, what is left out, and what it would take."""
-    mesh = section_of(case)
     layers, end = axial_layers(case), case.numerics.end_time
-    cells = mesh.num_cells * layers
+    across, _ = dense.size_of(case)
+    cells = across * layers
     speed = case.operation.gas_superficial_velocity
     steps = end * speed * layers / case.geometry.length / case.numerics.courant
     steps = max(steps, end / step_control(case).largest)
@@ -384,7 +355,7 @@ def describe(case: Case) -> dict[str, Any]:
     return dense.describe(case) | {
         "solved": f"unsteady flow by the two-fluid model: all of 3D, {end:g} s",
         "given": _given(case),
-        "meshes": f"{layers} layers of {mesh.num_cells} cells",
+        "meshes": f"{layers} layers of {across} cells",
         "finest_mesh": f"{cells} cells, about {unknowns} unknowns",
         "memory": f"about {BASE_MEMORY + CELL_MEMORY * cells:.0f} MB",
         "time": f"about {CELL_TIME * cells * steps:.0f} s for at least {steps:.0f} steps",
