@@ -119,11 +119,6 @@ class Grains:
     shear: Array
     dilation: Array
 
-    @property
-    def pressure(self) -> Array:
-        """p_s [Pa]."""
-        return self.kinetic.pressure + self.p_f
-
 
 @dataclass
 class Masses:
@@ -264,11 +259,12 @@ class Flow3D:
     def _step(self, dt: float, feed: Feed) -> tuple[Moment, Report, Masses]:
         old, cells, effort = self.now, self.cells, {}
         through = np.zeros(cells.faces)
-        alpha, theta = old.alpha, old.theta
+        alpha, theta, p_s = old.alpha, old.theta, None
         if self.solids is not None:
-            alpha, through = self._fraction(old, dt, feed, effort)
+            alpha, through, p_s = self._fraction(old, dt, feed, effort)
             theta = self._agitation(old, alpha, through, dt, feed, effort)
-        found = self._flow(replace(old, alpha=alpha, theta=theta), old, through, dt, feed, effort)
+        at = replace(old, alpha=alpha, theta=theta)
+        found = self._flow(at, old, through, p_s, dt, feed, effort)
         masses = self._balance(found, through, dt)
         return found, self._report(found, through, dt, effort, masses), masses
 
@@ -276,8 +272,12 @@ class Flow3D:
 
     def _fraction(
         self, old: Moment, dt: float, feed: Feed, effort: dict[str, int]
-    ) -> tuple[Array, Array]:
-        """Solids fraction after the step, and the volume flux of the solids [m3/s]."""
+    ) -> tuple[Array, Array, Array]:
+        """Solids fraction after the step, volume flux of the solids [m3/s], their pressure [Pa].
+
+        The pressure is the one that has moved the solids: their momentum must feel the same, or
+        the fluctuations that a step brings would throw a packed bed apart.
+        """
         cells, limit = self.cells, self.solids.packing_limit
         flux = old.carried - old.pushed
         flux[self._inlet] = 0.0
@@ -341,7 +341,8 @@ class Flow3D:
             moved = cells.largest(np.abs(change) * slope[: cells.owned])
             if moved < ALPHA_CHANGE:
                 alpha = limit * w / (1 + w)
-                through = fluxes(alpha, pressure(alpha))
+                p_s = pressure(alpha)
+                through = fluxes(alpha, p_s)
                 break
         else:
             raise SolverError("Newton's method of the solids fraction does not converge")
@@ -351,7 +352,7 @@ class Flow3D:
         lowest = -cells.largest(-alpha)
         if lowest < -1e-9 or cells.largest(alpha) >= limit:
             raise SolverError("the solids fraction leaves its bounds")
-        return cells.whole(alpha), through
+        return cells.whole(alpha), through, p_s
 
     def _solids_pressure(self, alpha: Array, theta: Array, shear: Array, dilation: Array) -> Array:
         laws, solids = self.laws, self.solids
@@ -454,7 +455,9 @@ class Flow3D:
         inflow = cells.sum_out(back, ahead)
         diagonal = inertia + sink[own] * self._volume + inflow + cells.add(spread)
         rhs = inertia * old.theta[own] + gain[own] * self._volume
-        entering = back[self._inlet] * (self.case.inlet.solids_intensity * feed.solids_velocity) ** 2
+        entering = (
+            back[self._inlet] * (self.case.inlet.solids_intensity * feed.solids_velocity) ** 2
+        )
         cells.to_boundary("inlet", rhs, entering) if "inlet" in cells.parts else None
         if "wall" in cells.parts:
             heat = self._wall_heat(at, grains) * cells.size[self._wall]
@@ -490,17 +493,18 @@ class Flow3D:
         at: Moment,
         old: Moment,
         through: Array,
+        p_s: Array | None,
         dt: float,
         feed: Feed,
         effort: dict[str, int],
     ) -> Moment:
         """Velocities and pressure after the step."""
-        phases = self._phases(at, old, through, dt)
-        forces, accelerated = self._forces(at, phases, feed)
+        phases = self._phases(at, old, through, p_s)
+        gaps, accelerated = self._forces(at, phases, feed)
         guess = self._momenta(at, old, phases, accelerated, dt, feed, effort)
-        return self._project(at, phases, guess, forces, accelerated, dt, feed, effort)
+        return self._project(at, phases, guess, gaps, dt, feed, effort)
 
-    def _phases(self, at: Moment, old: Moment, through: Array, dt: float) -> list[_Phase]:
+    def _phases(self, at: Moment, old: Moment, through: Array, p_s: Array | None) -> list[_Phase]:
         """Coefficients of the phases, the gas last."""
         cells = self.cells
         gradient_g = cells.whole(cells.gradient(at.u_g))
@@ -524,7 +528,7 @@ class Flow3D:
                     bulk,
                     gradient,
                     self._solids_traction(at, grains, mu),
-                    grains.pressure,
+                    p_s,
                 )
             )
         void = 1 - at.alpha
@@ -581,13 +585,16 @@ class Flow3D:
     def _forces(
         self, at: Moment, phases: list[_Phase], feed: Feed
     ) -> tuple[list[Array], list[Array]]:
-        """Forces of pressures and weight: along the normals of faces, and in cells [N/m3]."""
+        """Accelerations by pressures and weight: vectors in cells, and what faces have beyond them.
+
+        The second is the force [N/m3] along the normals of the faces that interpolated cells lack.
+        """
         cells, inner = self.cells, slice(0, self.cells.inner)
         slope = np.zeros(cells.faces)
         first, second = cells.first[inner], cells.second
         slope[inner] = (at.p[second] - at.p[first]) * self._normal_slope[inner]
         slope[self._outlet] = -at.p[cells.first[self._outlet]] * self._normal_slope[self._outlet]
-        forces, accelerated = [], []
+        gaps, accelerated = [], []
         for phase in phases:
             share = np.maximum(cells.mean(phase.fraction), SMALLEST_FRACTION)
             force = -share * slope
@@ -598,11 +605,12 @@ class Flow3D:
             force *= self._open
             if phase.name == "solids" and feed.blocked:
                 force[self._outlet] = 0.0
-            vector = self._reconstruct(force / (phase.density * share))
-            own = phase.density * np.maximum(phase.fraction[: cells.owned], SMALLEST_FRACTION)
-            forces.append(force)
-            accelerated.append(cells.whole(own[:, None] * vector))
-        return forces, accelerated
+            mass = phase.density * share
+            vector = cells.whole(self._reconstruct(force / mass))
+            average = np.einsum("ni,ni->n", cells.mean(vector), self._normal)
+            gaps.append(force - mass * average * self._open)
+            accelerated.append(vector)
+        return gaps, accelerated
 
     def _momenta(
         self,
@@ -619,7 +627,7 @@ class Flow3D:
         many = len(phases)
         coupling = self._beta[own] * self._volume
         diagonals, across, sides = [], [], []
-        for phase, force in zip(phases, accelerated, strict=True):
+        for phase, acceleration in zip(phases, accelerated, strict=True):
             inertia = phase.density * np.maximum(phase.before[own], SMALLEST_FRACTION)
             inertia = inertia * self._volume / dt
             flux = phase.density * phase.flux
@@ -628,7 +636,8 @@ class Flow3D:
             spread[cells.inner :] = 0.0
             diagonal = inertia + cells.sum_out(back, ahead) + cells.add(spread)
             rhs = inertia[:, None] * phase.velocity[own]
-            rhs += self._volume[:, None] * force[own] + self._stress(phase, spread)
+            mass = phase.density * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
+            rhs += (mass * self._volume)[:, None] * acceleration[own] + self._stress(phase)
             if "wall" in cells.parts:
                 cells.to_boundary("wall", diagonal, phase.traction)
             if "inlet" in cells.parts:
@@ -669,7 +678,7 @@ class Flow3D:
             return feed.solids_velocity
         return feed.gas_velocity / (1 - feed.solids_fraction)
 
-    def _stress(self, phase: _Phase, spread: Array) -> Array:
+    def _stress(self, phase: _Phase) -> Array:
         """What the implicit difference leaves of the viscous force on the owned cells [N]."""
         cells, inner = self.cells, slice(0, self.cells.inner)
         rate = cells.mean(phase.gradient.reshape(-1, 9)).reshape(-1, 3, 3)[inner]
@@ -677,7 +686,9 @@ class Flow3D:
         bulk = cells.mean(phase.bulk)[inner] - 2 / 3 * mu
         area, trace = cells.area[inner], np.einsum("nii->n", rate)
         force = np.zeros((cells.faces, 3))
-        turned = np.einsum("nji,nj->ni", rate, area) + np.einsum("nij,nj->ni", rate, cells.skew[inner])
+        turned = np.einsum("nji,nj->ni", rate, area) + np.einsum(
+            "nij,nj->ni", rate, cells.skew[inner]
+        )
         force[inner] = mu[:, None] * turned + (bulk * trace)[:, None] * area
         return cells.sum(force)
 
@@ -686,8 +697,7 @@ class Flow3D:
         at: Moment,
         phases: list[_Phase],
         guess: list[Array],
-        forces: list[Array],
-        accelerated: list[Array],
+        gaps: list[Array],
         dt: float,
         feed: Feed,
         effort: dict[str, int],
@@ -701,14 +711,10 @@ class Flow3D:
         else:
             response = [[dt / (self.gas.density * np.ones(cells.faces))]]
         blocked = feed.blocked and len(phases) == 2
-        gaps = []
-        for force, cell in zip(forces, accelerated, strict=True):
-            average = np.einsum("ni,ni->n", cells.mean(cell), cells.area)
-            gaps.append(force * cells.size - average * self._open)
         carried = []
         for row, phase, velocity in zip(response, phases, guess, strict=True):
             flux = np.einsum("ni,ni->n", cells.mean(velocity), cells.area)
-            flux += sum(r * gap for r, gap in zip(row, gaps, strict=True))
+            flux += cells.size * sum(r * gap for r, gap in zip(row, gaps, strict=True))
             flux *= self._open
             if "inlet" in cells.parts:
                 flux[self._inlet] = self._entering(self._mean_velocity(phase.name, feed))

@@ -257,7 +257,9 @@ class Cells:
         vector = self._vectors[width]
         vector.array[: self.owned * width] = values[: self.owned].ravel()
         vector.scatter_forward()
-        values[self.owned :] = vector.array[self.owned * width :].reshape(values[self.owned :].shape)
+        values[self.owned :] = vector.array[self.owned * width :].reshape(
+            values[self.owned :].shape
+        )
         return values
 
     def whole(self, owned: Array) -> Array:
