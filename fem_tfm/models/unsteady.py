@@ -34,8 +34,8 @@ from fem_tfm.mesh import Mesh
 from fem_tfm.solvers.cells import Array, CellMatrix, Cells, Krylov
 
 PARTS = ("inlet", "outlet", "wall", "symmetry")
-# a phase that is not there has the mass of this fraction; a void has this granular temperature
-SMALLEST_FRACTION, SMALLEST_THETA = 1e-6, 1e-12
+# a phase that is not there moves as one of this fraction; a void has this granular temperature
+SMALLEST_FRACTION, SMALLEST_THETA = 1e-9, 1e-12
 # largest viscosity of the solids over rho_s U D
 MOST_VISCOUS = 100.0
 # speeds that regularise drag and walls, and shear, over U and U/D
@@ -44,6 +44,8 @@ SLIP_FLOOR, SHEAR_FLOOR = 1e-4, 1e-3
 ALPHA_RESIDUAL, ALPHA_CHANGE, ALPHA_ITERATIONS = 1e-10, 1e-12, 40
 # residuals of linear systems over right-hand sides; a step of Newton's method needs little
 TRANSPORT_TOLERANCE, PRESSURE_TOLERANCE, NEWTON_TOLERANCE = 1e-6, 1e-6, 1e-4
+# residuals that end a solver, over U and rho_g U^2 in every cell
+SMALL_VELOCITY, SMALL_PRESSURE = 1e-9, 1e-9
 # steps after which the multigrid is built anew, and iterations above which it is
 MULTIGRID_AGE, MULTIGRID_EFFORT = 20, 15
 
@@ -403,7 +405,7 @@ class Flow3D:
         slip = at.u_g - at.u_s
         floor = SLIP_FLOOR * self.speed
         speed = np.sqrt(np.einsum("ni,ni->n", slip, slip) + floor**2)
-        alpha = np.maximum(at.alpha, 0.0)
+        alpha = np.maximum(at.alpha, SMALLEST_FRACTION)
         return self.laws.drag.beta(alpha, speed, self.gas, self.solids)
 
     def _response(self, at: Moment, beta: Array, dt: float) -> tuple[Array, ...]:
@@ -593,7 +595,7 @@ class Flow3D:
         slope[self._outlet] = -at.p[cells.first[self._outlet]] * self._normal_slope[self._outlet]
         gaps, accelerated = [], []
         for phase in phases:
-            share = cells.mean(phase.fraction)
+            share = np.maximum(cells.mean(phase.fraction), SMALLEST_FRACTION)
             force = -share * slope
             force += share * (phase.density - self.gas.density) * self._weight
             if phase.pressure is not None:
@@ -602,7 +604,7 @@ class Flow3D:
             force *= self._open
             if phase.name == "solids" and feed.blocked:
                 force[self._outlet] = 0.0
-            mass = phase.density * np.maximum(share, SMALLEST_FRACTION)
+            mass = phase.density * share
             vector = cells.whole(self._reconstruct(force / mass))
             average = np.einsum("ni,ni->n", cells.mean(vector), self._normal)
             gaps.append(force - mass * average * self._open)
@@ -661,8 +663,8 @@ class Flow3D:
         side = np.stack(sides, axis=1)
         effort["momentum"] = 0
         # the components share one measure: what is small across the pipe need not be sharper
-        sizes = [cells.total(side[:, :, i] ** 2) for i in range(3)]
-        enough = TRANSPORT_TOLERANCE * max(sizes) ** 0.5
+        largest = max(cells.total(start[:, :, i] ** 2) for i in range(3)) ** 0.5
+        enough = TRANSPORT_TOLERANCE * largest + self._little(SMALL_VELOCITY * self.speed)
         for i in range(3):
             x = self._momentum.solve(side[:, :, i].ravel(), start[:, :, i].ravel(), enough)
             effort["momentum"] += self._momentum.iterations
@@ -762,20 +764,25 @@ class Flow3D:
             rhs = rhs - self.cells.total(rhs) / self.cells.map.size_global
         keep = self._age < MULTIGRID_AGE
         zero = np.zeros(self.cells.owned)
+        enough = self._little(SMALL_PRESSURE * self.gas.density * self.speed**2)
         self._pressure.renew(keep)
         try:
-            found = self._pressure.solve(rhs, zero)
+            found = self._pressure.solve(rhs, zero, enough)
         except SolverError:
             if not keep:
                 raise
             keep = False
             self._pressure.renew(False)
-            found = self._pressure.solve(rhs, zero)
+            found = self._pressure.solve(rhs, zero, enough)
         effort["pressure"] = self._pressure.iterations
         self._age = self._age + 1 if keep else 1
         if self._pressure.iterations > MULTIGRID_EFFORT:
             self._age = MULTIGRID_AGE
         return found
+
+    def _little(self, value: float) -> float:
+        """Norm of a vector with `value` in every cell."""
+        return value * self.cells.map.size_global**0.5
 
     def _close(self, total: Array) -> Array:
         """Take what the linear solver left of the divergence out through the outlet."""

@@ -400,7 +400,9 @@ class Krylov:
         self.ksp.getPC().setReusePreconditioner(keep)
 
     def solve(self, rhs: Array, start: Array, enough: float = 1e-50) -> Array:
-        """Solution over the owned unknowns (collective); a residual of `enough` ends it too.
+        """Solution over the owned unknowns (collective).
+
+        A preconditioned residual of norm `enough`, which has the unit of the unknowns, ends it too.
 
         Raises
         ------
