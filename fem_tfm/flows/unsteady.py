@@ -234,8 +234,8 @@ class FlowRecorder(Recorder):
         )
         self.progress.update(stepping.time / end, warning)
         if self._probes is not None:
-            row = {"time": stepping.time, **self._probes.row(flow.fields())}
-            self._tell(0, row, {"time": "s", **columns(row)})
+            row = self._probes.row(flow.fields())
+            self._tell(0, {"time": stepping.time, **row}, {"time": "s", **columns(row)})
         if is_due(stepping.time, interval(self.case), end):
             self.log(f"step {stepping.count}: {warning}")
             self._keep_fields()

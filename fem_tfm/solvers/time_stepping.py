@@ -170,7 +170,9 @@ class TimeStepping:
         """Book a step; `bound` is what it could have been without a milestone."""
         control = self.control
         size, told = self._told
-        if reason != told or not size / TOLD <= bound <= size * TOLD:
+        # where growth and the Courant number take turns, one of them is told
+        another = reason not in (told, "growth")
+        if another or not size / TOLD <= bound <= size * TOLD:
             self._tell(bound, reason)
         self.time, self.step, self.count = to, dt, self.count + 1
         if effort > control.hard:
