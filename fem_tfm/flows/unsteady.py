@@ -23,7 +23,7 @@ from fem_tfm.flows import dense
 from fem_tfm.flows.driver import Answer, Scene
 from fem_tfm.flows.recorder import Recorder
 from fem_tfm.flows.samples import MEANS, Probes, Sections, Table, columns
-from fem_tfm.mesh import axial_layers, geometry_of, line
+from fem_tfm.mesh import axial_layers, geometry_of, line, line_cells
 from fem_tfm.models.unsteady import Feed, Flow3D, Report
 from fem_tfm.output import checkpoint
 from fem_tfm.output.fields import FieldWriter
@@ -346,8 +346,7 @@ BASE_MEMORY, CELL_MEMORY, CELL_TIME = 180, 0.006, 5e-6
 def describe(case: Case) -> dict[str, Any]:
     """What would be solved, what is left out, and what it would take."""
     layers, end = axial_layers(case), case.numerics.end_time
-    across, _ = dense.size_of(case)
-    cells = across * layers
+    cells = line_cells(case)
     speed = case.operation.gas_superficial_velocity
     steps = end * speed * layers / case.geometry.length / case.numerics.courant
     steps = max(steps, end / step_control(case).largest)
@@ -355,7 +354,7 @@ def describe(case: Case) -> dict[str, Any]:
     return dense.describe(case) | {
         "solved": f"unsteady flow by the two-fluid model: all of 3D, {end:g} s",
         "given": _given(case),
-        "meshes": f"{layers} layers of {across} cells",
+        "meshes": f"{layers} layers of {cells // layers} cells",
         "finest_mesh": f"{cells} cells, about {unknowns} unknowns",
         "memory": f"about {BASE_MEMORY + CELL_MEMORY * cells:.0f} MB",
         "time": f"about {CELL_TIME * cells * steps:.0f} s for at least {steps:.0f} steps",
