@@ -29,7 +29,14 @@ if TYPE_CHECKING:
     from fem_tfm.progress import Progress
 
 # keys that a resumed run may change
-FREE_TO_CHANGE = ("title", "inferred", "reference", "output", "numerics.max_steps")
+FREE_TO_CHANGE = (
+    "title",
+    "inferred",
+    "reference",
+    "output",
+    "numerics.max_steps",
+    "numerics.end_time",
+)
 
 
 class Recorder:
@@ -107,7 +114,7 @@ def prepare(case: Case, out: Path, overwrite: bool, files: Sequence[str]) -> Non
     """Make the directory with the complete case; a replaced run leaves none of its `files`."""
     out.mkdir(parents=True, exist_ok=True)
     if overwrite:
-        for name in (checkpoint.FILE, *files):
+        for name in (checkpoint.FILE, checkpoint.BEFORE, *files):
             (out / name).unlink(missing_ok=True)
     write_text(out / "case.toml", case.dump())
 
