@@ -19,11 +19,10 @@ at the outlet.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 
 from fem_tfm.case import Case
@@ -110,6 +109,11 @@ class Moment:
     gained: Array
 
 
+# names in a Moment, and whether a value on faces has their direction
+OF_CELLS = ("alpha", "theta", "p", "u_s", "u_g")
+OF_FACES = {"total": True, "carried": True, "pushed": True, "response": False}
+
+
 @dataclass(frozen=True)
 class Grains:
     """Coefficients of the solids in all cells."""
@@ -154,6 +158,7 @@ class Flow3D:
         self.time, self.steps = 0.0, 0
         self._prepare()
         self.masses = Masses()
+        self._functions: dict[str, fem.Function] = {}
         self.start()
 
     # -- set-up --------------------------------------------------------------------------------
@@ -866,19 +871,75 @@ class Flow3D:
         found = self._errors(self.now, self.masses)
         return found if self.solids is not None else {"gas_mass": found["gas_mass"]}
 
+    def quantities(self) -> dict[str, float]:
+        """Numbers of the whole line now, in the units of `case.QUANTITIES`.
+
+        The flows are those through the outlet, the pressure drop that from the inlet's cells to it.
+        """
+        cells, now, own = self.cells, self.now, slice(0, self.cells.owned)
+        entry, size = cells.first[self._inlet], cells.size[self._inlet]
+        area = max(cells.total(size), 1e-300)
+        drop = cells.total(now.p[entry] * size) / area
+        factor = self.mesh.geometry.area_factor
+        leaving = cells.mean(now.alpha)[self._outlet] * now.carried[self._outlet]
+        gas = cells.total(now.total[self._outlet] - leaving)
+        found = {
+            "pressure_gradient": drop / self.mesh.length,
+            "pressure_drop": drop,
+            "gas_mass_flow": factor * self.gas.density * gas,
+        }
+        if self.solids is None:
+            return found
+        return found | {
+            "solids_mass_flow": factor * self.solids.density * cells.total(leaving),
+            "holdup": cells.total(now.alpha[own] * self._volume) / cells.total(self._volume),
+            "max_solids_fraction": cells.largest(now.alpha[own]),
+        }
+
+    def state(self) -> dict[str, Array]:
+        """Everything that the next step needs, bit for bit.
+
+        Arrays over owned cells, those on faces as (owned, facets of a cell), and numbers. The next
+        step builds its multigrid anew, so that a run that goes on equals one that is restored.
+        """
+        self._renew_multigrid()
+        cells, own = self.cells, slice(0, self.cells.owned)
+        found = {name: getattr(self.now, name)[own].copy() for name in OF_CELLS}
+        for name, directed in OF_FACES.items():
+            found[name] = cells.to_sides(getattr(self.now, name), directed)
+        found["time"], found["steps"] = np.array(self.time), np.array(self.steps)
+        return found | {f"mass_{n}": np.array(v) for n, v in vars(self.masses).items()}
+
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Take over what `state` gave, also from another division into ranks (collective)."""
+        cells = self.cells
+        found = {name: cells.whole(np.asarray(state[name])) for name in OF_CELLS}
+        for name, directed in OF_FACES.items():
+            found[name] = cells.from_sides(np.asarray(state[name]), directed)
+        self.now = Moment(**found)
+        self.time, self.steps = float(state["time"]), int(state["steps"])
+        names = (f.name for f in fields(Masses))
+        self.masses = Masses(**{name: float(state[f"mass_{name}"]) for name in names})
+        self._renew_multigrid()
+
+    def _renew_multigrid(self) -> None:
+        """Let the next step build its multigrid from nothing."""
+        self._age = MULTIGRID_AGE
+        self._pressure.forget()
+
     def fields(self) -> dict[str, fem.Function]:
-        """Values of the cells for output."""
+        """Values of the cells for output, in functions that are made once."""
         arrays = {"u_g": self.now.u_g, "pressure": self.now.p}
         if self.solids is not None:
             arrays = {"alpha_s": self.now.alpha, "u_s": self.now.u_s, **arrays}
             arrays["theta"] = self.now.theta
-        found = {}
         for name, values in arrays.items():
-            shape = (3,) if values.ndim == 2 else ()
-            space = fem.functionspace(self.mesh.mesh, ("DG", 0, shape))
-            found[name] = function = fem.Function(space, name=name)
-            function.x.array[:] = values.ravel()
-        return found
+            if name not in self._functions:
+                shape = (3,) if values.ndim == 2 else ()
+                space = fem.functionspace(self.mesh.mesh, ("DG", 0, shape))
+                self._functions[name] = fem.Function(space, name=name)
+            self._functions[name].x.array[:] = values.ravel()
+        return self._functions
 
 
 @dataclass(frozen=True)

@@ -247,6 +247,34 @@ class Cells:
         )
         return found
 
+    def to_sides(self, values: Array, directed: bool = True) -> Array:
+        """Values on faces as the owned cells see them, (owned, facets of a cell).
+
+        A flux is positive out of the cell. In this shape it can be handed to any other rank.
+        """
+        place, sign = self._sides()
+        found = values[place]
+        return found * sign if directed else found
+
+    def from_sides(self, sides: Array, directed: bool = True) -> Array:
+        """Values on faces from what `to_sides` gave."""
+        place, sign = self._sides()
+        found = np.empty(self.faces)
+        found[place] = sides * sign if directed else sides
+        return found
+
+    def _sides(self) -> tuple[npt.NDArray[np.int64], Array]:
+        """Face and direction of each facet of the owned cells."""
+        topology = self.mesh.mesh.topology
+        links = topology.connectivity(3, 2)
+        many = int(links.offsets[1]) if self.count else 0
+        facets = links.array[: self.owned * many].reshape(self.owned, many)
+        face = np.full(topology.index_map(2).size_local + topology.index_map(2).num_ghosts, -1)
+        face[self.facets] = np.arange(self.faces)
+        place = face[facets]
+        ahead = self.first[place] == np.arange(self.owned)[:, None]
+        return place, np.where(ahead, 1.0, -1.0)
+
     def exchange(self, values: Array) -> Array:
         """Give the ghosts the values of their owners, in place (collective)."""
         if self.comm.size == 1:
@@ -367,10 +395,14 @@ class Krylov:
     """
 
     def __init__(self, matrix: CellMatrix, method: str, tolerance: float) -> None:
-        self.matrix = matrix
+        self.matrix, self._method, self._tolerance = matrix, method, tolerance
         self.x, self.b = matrix.matrix.createVecs()
-        self.ksp = PETSc.KSP().create(matrix.cells.comm)
-        self.ksp.setOperators(matrix.matrix)
+        self.iterations = 0
+        self._create()
+
+    def _create(self) -> None:
+        self.ksp = PETSc.KSP().create(self.matrix.cells.comm)
+        self.ksp.setOperators(self.matrix.matrix)
         prefix = f"fem_tfm_cells_{id(self)}_"
         self.ksp.setOptionsPrefix(prefix)
         options = {
@@ -383,16 +415,15 @@ class Krylov:
                 "mg_levels_pc_type": "sor",
                 "pc_gamg_threshold": 0.02,
             },
-        }[method]
+        }[self._method]
         table = PETSc.Options()
         for key, value in options.items():
             table.setValue(prefix + key, value)
         self.ksp.setInitialGuessNonzero(True)
-        self.ksp.setTolerances(rtol=tolerance, atol=1e-50, max_it=300)
+        self.ksp.setTolerances(rtol=self._tolerance, atol=1e-50, max_it=300)
         self.ksp.setFromOptions()
         for key in options:
             table.delValue(prefix + key)
-        self.iterations = 0
 
     def renew(self, keep: bool = False) -> None:
         """The matrix has new values; `keep` the preconditioner of older ones."""
@@ -418,6 +449,11 @@ class Krylov:
         if reason < 0:
             raise SolverError(f"a linear solver stopped after {self.iterations} iterations")
         return self.x.array_r.copy()
+
+    def forget(self) -> None:
+        """Start from nothing: a multigrid keeps more of its past than its age."""
+        self.ksp.destroy()
+        self._create()
 
     def destroy(self) -> None:
         """Free the solver."""
