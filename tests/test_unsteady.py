@@ -219,7 +219,7 @@ def test_a_state_goes_on_with_another_number_of_ranks(
         for _ in range(5):
             flow.advance(1e-4, feed_at(case, 1.0))
         found.append(flow.quantities())
-    assert found[0] == pytest.approx(found[1], rel=1e-5)
+    assert found[0] == pytest.approx(found[1], rel=1e-4)
 
 
 def merged(out: Path, flow: Flow3D) -> dict[str, Any]:
