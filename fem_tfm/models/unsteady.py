@@ -94,6 +94,7 @@ class Moment:
     total : volume flux of both phases through faces [m3/s]
     carried : volume flux of the solids by u_s.S, its share that their pressure pushes is `pushed`
     response : R_ss on faces, [m3 s/kg]
+    gained : what the last step has added to `carried`, in a second [m3/s2]
     """
 
     alpha: Array
@@ -105,6 +106,7 @@ class Moment:
     carried: Array
     pushed: Array
     response: Array
+    gained: Array
 
 
 # names in a Moment, and whether a value on faces has their direction
@@ -217,6 +219,7 @@ class Flow3D:
             carried=flux,
             pushed=flux,
             response=flux,
+            gained=flux,
         )
         self.time, self.steps = 0.0, 0
         self._count_masses()
@@ -284,35 +287,52 @@ class Flow3D:
         the fluctuations that a step brings would throw a packed bed apart.
         """
         cells, limit = self.cells, self.solids.packing_limit
-        flux = old.carried - old.pushed
-        flux[self._inlet] = 0.0
-        if feed.blocked:
-            flux[self._outlet] = 0.0
-        flux[self._outlet] = np.maximum(flux[self._outlet], 0.0)
-        entering = self._entering(feed.solids_velocity) * feed.solids_fraction
         response = old.response if self.steps else self._response(old, self._drag(old), dt)[0]
-        push = (cells.mean(old.alpha) * response * cells.reach)[: cells.inner]
+        inner, edge = slice(0, cells.inner), slice(cells.inner, None)
+        push = (response * cells.reach)[inner]
         shear, dilation = self._rates(old)[1:]
-        first, second = cells.first[: cells.inner], cells.second
-        ahead, back = np.maximum(flux, 0.0), np.maximum(-flux, 0.0)
+        first, second = cells.first[inner], cells.second
         rate = self._volume / dt
-        w = old.alpha / (limit - old.alpha)
+        ahead, back, ties = (np.zeros(cells.faces) for _ in range(3))
+        alpha = np.maximum(old.alpha, 0.0)
+        w = alpha / (limit - alpha)
 
         def pressure(alpha: Array) -> Array:
             return self._solids_pressure(alpha, old.theta, shear, dilation)
 
+        def stiffness(w: Array, p_s: Array) -> Array:
+            step = 1e-7 * (1 + w)
+            found = (pressure(limit * (w + step) / (1 + w + step)) - p_s) / step
+            return np.maximum(found, 0.0)
+
+        p_s = pressure(alpha)
+        stiff = stiffness(w, p_s)
+        # where the pressure is too stiff for the step, its waves would run on without end: there
+        # the flux is that at the end of the step, which damps them
+        sound = np.zeros(cells.count)
+        ties[inner] = push
+        sound[: cells.owned] = cells.add(ties) / rate * (stiff * alpha * (1 + w) ** 2)[: cells.owned]
+        sound = np.max(cells.exchange(sound / limit)[np.stack([first, second])], axis=0)
+        flux = old.carried - old.pushed
+        flux[inner] += sound / (1 + sound) * dt * old.gained[inner]
+        flux[self._inlet] = 0.0
+        if feed.blocked:
+            flux[self._outlet] = 0.0
+        flux[self._outlet] = np.maximum(flux[self._outlet], 0.0)
+        ahead[edge] = np.maximum(flux[edge], 0.0)
+        entering = self._entering(feed.solids_velocity) * feed.solids_fraction
+
         def fluxes(alpha: Array, p_s: Array) -> Array:
+            # upwind by what the pressure leaves of the flux: grains at rest do not creep
+            moved = flux[inner] - push * (p_s[second] - p_s[first])
+            ahead[inner], back[inner] = np.maximum(moved, 0.0), np.maximum(-moved, 0.0)
             found = np.empty(cells.faces)
-            inner = slice(0, cells.inner)
             found[inner] = ahead[inner] * alpha[first] - back[inner] * alpha[second]
-            found[inner] -= push * (p_s[second] - p_s[first])
-            found[cells.inner :] = ahead[cells.inner :] * alpha[self._edges]
+            found[edge] = ahead[edge] * alpha[self._edges]
             found[self._inlet] = entering
             return found
 
         for iteration in range(1, ALPHA_ITERATIONS + 1):
-            alpha = limit * w / (1 + w)
-            p_s = pressure(alpha)
             through = fluxes(alpha, p_s)
             residual = rate * (alpha[: cells.owned] - old.alpha[: cells.owned]) + cells.sum(through)
             worst = cells.largest(np.abs(residual) / rate)
@@ -321,21 +341,15 @@ class Flow3D:
             if worst < ALPHA_RESIDUAL:
                 break
             slope = limit / (1 + w) ** 2
-            step = 1e-7 * (1 + w)
-            stiff = (pressure(limit * (w + step) / (1 + w + step)) - p_s) / step
-            stiff = np.maximum(stiff, 0.0)
-            diagonal = rate * slope[: cells.owned]
-            diagonal += cells.sum_out(ahead, back) * slope[: cells.owned]
-            ties = np.zeros(cells.faces)
-            ties[: cells.inner] = push
+            ties[inner] = upwind = push * np.where(ahead[inner] > 0, alpha[first], alpha[second])
+            diagonal = (rate + cells.sum_out(ahead, back)) * slope[: cells.owned]
             diagonal += cells.add(ties) * stiff[: cells.owned]
-            inner = slice(0, cells.inner)
             self._scalar.set(
                 [diagonal],
                 [
                     (
-                        -back[inner] * slope[second] - push * stiff[second],
-                        -ahead[inner] * slope[first] - push * stiff[first],
+                        -back[inner] * slope[second] - upwind * stiff[second],
+                        -ahead[inner] * slope[first] - upwind * stiff[first],
                     )
                 ],
             )
@@ -343,12 +357,12 @@ class Flow3D:
             change = self._newton.solve(-residual, np.zeros(cells.owned))
             # w stays positive, and p_s is nearly linear in it
             w = cells.whole(np.maximum(w[: cells.owned] + change, 0.1 * w[: cells.owned]))
-            moved = cells.largest(np.abs(change) * slope[: cells.owned])
-            if moved < ALPHA_CHANGE:
-                alpha = limit * w / (1 + w)
-                p_s = pressure(alpha)
+            alpha = limit * w / (1 + w)
+            p_s = pressure(alpha)
+            if cells.largest(np.abs(change) * slope[: cells.owned]) < ALPHA_CHANGE:
                 through = fluxes(alpha, p_s)
                 break
+            stiff = stiffness(w, p_s)
         else:
             raise SolverError("Newton's method of the solids fraction does not converge")
         effort["solids fraction"] = iteration
@@ -760,6 +774,7 @@ class Flow3D:
             found,
             u_s=moved[0],
             carried=carried[0] + corrected[0],
+            gained=(carried[0] + corrected[0] - at.carried) / dt,
             pushed=pushed,
             response=response[0][0],
         )
