@@ -110,6 +110,11 @@ class PipeGeometry:
         _offset(self.wall_offset, self.diameter / 2)
 
     @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the whole section [m]."""
+        return self.diameter, self.diameter
+
+    @property
     def radius(self) -> float:
         """Radius of the pipe [m]."""
         return self.diameter / 2
@@ -186,6 +191,11 @@ class DuctGeometry:
         _positive("geometry.height", self.height)
         _choice("geometry.symmetry", self.symmetry, tuple(QUADRANTS))
         _offset(self.wall_offset, min(self.width, self.height) / 2)
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the whole section [m]."""
+        return self.width, self.height
 
     @property
     def radius(self) -> float:
@@ -331,11 +341,7 @@ class Bend:
         if geometry.symmetry in lost:
             allowed = "a part that the bend leaves symmetric"
             raise InputError("geometry.symmetry", geometry.symmetry, allowed)
-        width, height = (
-            (geometry.diameter, geometry.diameter)
-            if isinstance(geometry, PipeGeometry)
-            else (geometry.width, geometry.height)
-        )
+        width, height = geometry.size
         half = (width if self.towards == "side" else height) / 2
         if self.radius <= half:
             raise InputError("geometry.bend_radius", self.radius, f"above {half:g} m")
@@ -460,6 +466,26 @@ class Mesh:
     def distance_at(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Distance of points to the wall, shape (n,) [m]; see the geometry."""
         return self.geometry.wall_distance(self.straightened(x).T)
+
+    def plane(
+        self, rows: int, columns: int
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """A grid in the vertical plane through the axis of a line.
+
+        Points in space, shape (rows, columns, 3), and where to draw them, shape (rows, columns, 2):
+        along and up as they lie, but a bend to the side unrolled [m]. They keep half a spacing from
+        walls and ends, and a hair from the plane of symmetry.
+        """
+        width, height = self.geometry.size
+        low = -height / 2 if self.geometry.symmetry != "quarter" else 0.0
+        y = low + (height / 2 - low) * (np.arange(rows) + 0.5) / rows
+        s = self.length * (np.arange(columns) + 0.5) / columns
+        y, s = np.meshgrid(y, s, indexing="ij")
+        straight = np.stack([np.full_like(y, 1e-6 * width), y, s], axis=-1).reshape(-1, 3)
+        points = straight if self.bend is None else self.bend.bent(straight)
+        unrolled = self.bend is not None and self.bend.towards == "side"
+        drawn = (straight if unrolled else points)[:, [2, 1]]
+        return points.reshape(rows, columns, 3), drawn.reshape(rows, columns, 2)
 
     def facets(self, name: str) -> npt.NDArray[np.int32]:
         """Local indices of the facets called `name`; empty if the mesh has no such part."""

@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 from fem_tfm import mesh as meshes
 from fem_tfm.case import Case
 from fem_tfm.errors import InputError, SolverError
+from fem_tfm.interpolation import point_values
 from fem_tfm.mesh import (
     Bend,
     DuctGeometry,
@@ -367,6 +368,27 @@ def line_case(**geometry: Any) -> Case:
             "numerics": {"end_time": 1.0, "level": 1},
         }
     )
+
+
+@pytest.mark.parametrize("towards", ["up", "down", "side", None])
+def test_the_vertical_plane_of_a_line(towards: str | None) -> None:
+    bends = {"shape": "pipe"} if towards is None else {"bend_towards": towards}
+    mesh = line(line_case(**bends))
+    points, drawn = mesh.plane(6, 40)
+    flat = points.reshape(-1, 3)
+    straight = mesh.straightened(flat).reshape(points.shape)
+    np.testing.assert_allclose(straight[..., 0], 1e-8, rtol=1e-6)
+    assert np.all(mesh.distance_at(flat) > RADIUS / 7)
+    assert straight[3, :, 1] == pytest.approx(RADIUS / 6)
+    assert straight[0, [0, -1], 2] == pytest.approx([0.1 / 80, 0.1 - 0.1 / 80])
+    where = straight if towards == "side" else points
+    np.testing.assert_allclose(drawn, where[..., [2, 1]], atol=1e-15)
+    # all of them lie in the mesh: a function of place has its value there
+    space = fem.functionspace(mesh.mesh, ("Lagrange", 1))
+    height = fem.Function(space)
+    height.interpolate(lambda x: x[1])
+    found = point_values(height, flat, tolerance=1e-4 * RADIUS)
+    np.testing.assert_allclose(found, flat[:, 1], atol=1e-9)
 
 
 @pytest.mark.parametrize("towards", ["up", "side"])
