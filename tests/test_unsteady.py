@@ -141,6 +141,7 @@ def test_a_run_leaves_its_time_series(dense: dict[str, Any], tmp_path: Path) -> 
     series = (out / "fields.xdmf").read_text(encoding="utf-8")
     stored = [float(t) for t in re.findall(r'Time Value="([^"]*)"', series)]
     assert stored == pytest.approx([0, 1e-3, 2e-3, 3e-3, 4e-3])
+    assert (out / "plane.png").stat().st_size > 10000
     assert "step 1e-05 s at 0 s" in (out / "run.log").read_text(encoding="utf-8")
 
 
@@ -181,7 +182,7 @@ def test_an_interrupted_run_goes_on_bit_for_bit(
     assert checkpoint.numbers(halves)["stepping.count"] == 13
     case.run(halves, resume=True)
     comm.barrier()
-    for name in ("monitor.csv", "probes.csv", "sections.csv", "fields.xdmf"):
+    for name in ("monitor.csv", "probes.csv", "sections.csv", "fields.xdmf", "plane.png"):
         assert (whole / name).read_bytes() == (halves / name).read_bytes(), name
     mesh = line(case).mesh
     expected, found = (checkpoint.load_cells(out, mesh) for out in (whole, halves))
@@ -219,7 +220,7 @@ def test_a_state_goes_on_with_another_number_of_ranks(
         for _ in range(5):
             flow.advance(1e-4, feed_at(case, 1.0))
         found.append(flow.quantities())
-    assert found[0] == pytest.approx(found[1], rel=1e-5)
+    assert found[0] == pytest.approx(found[1], rel=1e-4)
 
 
 def merged(out: Path, flow: Flow3D) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from mpi4py import MPI
 from fem_tfm.errors import InputError
 from fem_tfm.interpolation import Points
 from fem_tfm.mesh import Mesh
+from fem_tfm.output.pictures import plane_picture
 from fem_tfm.output.profiles import Monitor
 
 UNITS = {
@@ -26,6 +27,8 @@ UNITS = {
     "k": "m2/s2",
     "eps": "m2/s3",
 }
+# grid of the picture, moments kept for it and drawn
+ROWS, COLUMNS, MOMENTS, SHOWN = 40, 240, 40, 6
 MEANS = {
     "holdup": "-",
     "max_solids_fraction": "-",
@@ -133,6 +136,53 @@ class Sections:
 
     def _along(self, velocity: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         return np.einsum("ni,ni->n", velocity, self._axis)
+
+
+class Plane:
+    """Values in the vertical plane through the axis at some times, for a picture.
+
+    Parameters
+    ----------
+    mesh : of a line
+    name : of the field; of a velocity its component along the axis is taken
+
+    Attributes
+    ----------
+    moments : values (rows, columns) of each time [s], kept at even distances, at most `MOMENTS`
+    """
+
+    def __init__(self, mesh: Mesh, name: str) -> None:
+        points, self.drawn = mesh.plane(ROWS, COLUMNS)
+        flat = points.reshape(-1, 3)
+        self.name, self._axis = name, mesh.axis(flat)
+        self._points = Points(mesh.mesh, flat)
+        self.moments: dict[float, npt.NDArray[np.float64]] = {}
+
+    def take(self, time: float, fields: Mapping[str, fem.Function]) -> None:
+        """Keep the values of this time (collective)."""
+        values = self._points.values(fields[self.name])
+        if values.ndim > 1:
+            values = np.einsum("ni,ni->n", values, self._axis)
+        if len(self.moments) == MOMENTS:
+            self.moments = dict(list(self.moments.items())[::2])
+        self.moments[time] = values.reshape(ROWS, COLUMNS)
+
+    def state(self) -> dict[str, npt.NDArray[np.float64]]:
+        """Arrays for a checkpoint."""
+        values = np.array(list(self.moments.values())).reshape(-1, ROWS, COLUMNS)
+        return {"plane.times": np.array(list(self.moments)), "plane.values": values}
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Take over what `state` gave."""
+        values = np.asarray(state["plane.values"]).reshape(-1, ROWS, COLUMNS)
+        self.moments = dict(zip(state["plane.times"], values, strict=True))
+
+    def draw(self, path: Path, title: str) -> None:
+        """The picture of the plane at a few times, the last among them."""
+        times = list(self.moments)
+        shown = np.unique(np.linspace(0, len(times) - 1, SHOWN).round().astype(int)[1:])
+        moments = {times[i]: self.moments[times[i]] for i in shown}
+        plane_picture(path, self.drawn, moments, title, self.name)
 
 
 class Table:

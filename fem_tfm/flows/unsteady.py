@@ -22,7 +22,7 @@ from fem_tfm.case import Case
 from fem_tfm.flows import dense
 from fem_tfm.flows.driver import Answer, Scene
 from fem_tfm.flows.recorder import Recorder
-from fem_tfm.flows.samples import MEANS, Probes, Sections, Table, columns
+from fem_tfm.flows.samples import MEANS, Plane, Probes, Sections, Table, columns
 from fem_tfm.mesh import axial_layers, geometry_of, line, line_cells
 from fem_tfm.models.unsteady import Feed, Flow3D, Report
 from fem_tfm.output import checkpoint
@@ -190,6 +190,7 @@ class FlowRecorder(Recorder):
         self._writer: FieldWriter | None = None
         self._probes: Probes | None = None
         self._sections: Sections | None = None
+        self._plane: Plane | None = None
         self._tables = [Table(out / name, resume) for name in TABLES[1:]] if out else []
 
     def begin(self, section: Stepped, stepping: TimeStepping) -> None:
@@ -208,6 +209,11 @@ class FlowRecorder(Recorder):
             self._sections = Sections(
                 section.mesh, given.sections, volume, centre, axial_layers(self.case)
             )
+        if self.out is not None and given.pictures:
+            name = "u_g" if self.case.solids is None else "alpha_s"
+            self._plane = Plane(section.mesh, name)
+            if self.resume:
+                self._plane.restore(checkpoint.tables(self.out))
         if self.out is not None and given.xdmf:
             self._writer = FieldWriter(
                 self.out / "fields", section.mesh.mesh, append=self.resume, until=self.since
@@ -251,7 +257,15 @@ class FlowRecorder(Recorder):
         values = {name: v for name, v in state.items() if np.ndim(v) > 0}
         numbers |= {f"stepping.{name}": v for name, v in self.stepping.state().items()}
         mesh = self.section.mesh.mesh
-        checkpoint.save_cells(self.out, mesh, values, {**numbers, "time": self.stepping.time})
+        numbers["time"] = self.stepping.time
+        tables = self._plane.state() if self._plane else {}
+        checkpoint.save_cells(self.out, mesh, values, numbers, tables)
+
+    def draw(self) -> None:
+        """The picture of the plane through the axis."""
+        if self._plane is not None and self._plane.moments:
+            path = self.out / "plane.png"
+            on_root(self.comm, lambda: self._plane.draw(path, self.case.title))
 
     def step_back(self) -> None:
         """Keep the last accepted state."""
@@ -272,11 +286,13 @@ class FlowRecorder(Recorder):
             table.close()
 
     def _keep_fields(self) -> None:
-        """The present fields, and the means over sections."""
+        """The present fields, the plane for the picture, and the means over sections."""
         fields, time = self.section.flow.fields(), self.stepping.time
         if self._sections is not None:
             for row in self._sections.rows(fields):
                 self._tell(1, {"time": time, **row}, {"time": "s", "place": "m", **MEANS})
+        if self._plane is not None:
+            self._plane.take(time, fields)
         if self._writer is not None:
             self._writer.write(time, {n: f for n, f in fields.items() if n in self.chosen})
 
@@ -334,7 +350,8 @@ def skipped(case: Case) -> list[str]:
 
 
 def write(case: Case, recorder: FlowRecorder, result: Result) -> None:
-    """Nothing beyond what the recorder has written along the way."""
+    """The picture; all else is written along the way."""
+    recorder.draw()
 
 
 SCENE = Scene(FlowRecorder, FILES, dense.advice, skipped, solve, write)

@@ -111,7 +111,7 @@ class Moment:
 
 # names in a Moment, and whether a value on faces has their direction
 OF_CELLS = ("alpha", "theta", "p", "u_s", "u_g")
-OF_FACES = {"total": True, "carried": True, "pushed": True, "response": False}
+OF_FACES = {"total": True, "carried": True, "pushed": True, "response": False, "gained": True}
 
 
 @dataclass(frozen=True)
@@ -311,7 +311,9 @@ class Flow3D:
         # the flux is that at the end of the step, which damps them
         sound = np.zeros(cells.count)
         ties[inner] = push
-        sound[: cells.owned] = cells.add(ties) / rate * (stiff * alpha * (1 + w) ** 2)[: cells.owned]
+        sound[: cells.owned] = (
+            cells.add(ties) / rate * (stiff * alpha * (1 + w) ** 2)[: cells.owned]
+        )
         sound = np.max(cells.exchange(sound / limit)[np.stack([first, second])], axis=0)
         flux = old.carried - old.pushed
         flux[inner] += sound / (1 + sound) * dt * old.gained[inner]

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from dolfinx import fem
 from scipy.spatial import cKDTree
 
@@ -48,13 +49,21 @@ def save(
 
 
 def save_cells(
-    directory: str | Path, mesh: Any, values: Mapping[str, np.ndarray], numbers: Mapping[str, float]
+    directory: str | Path,
+    mesh: Any,
+    values: Mapping[str, np.ndarray],
+    numbers: Mapping[str, float],
+    tables: Mapping[str, npt.ArrayLike] | None = None,
 ) -> None:
-    """Write values of the owned cells, each of shape (cells, ...), and numbers (collective)."""
+    """Write values of the owned cells, each of shape (cells, ...), numbers and tables.
+
+    Collective.
+    """
     comm, owned = mesh.comm, _owned_cells(mesh)
     place = comm.gather(mesh.topology.original_cell_index[:owned])
     order = np.argsort(np.concatenate(place)) if comm.rank == 0 else None
     arrays = {f"number.{key}": np.asarray(value) for key, value in numbers.items()}
+    arrays |= {f"table.{key}": np.asarray(column) for key, column in (tables or {}).items()}
     for name, array in values.items():
         gathered = comm.gather(np.ascontiguousarray(array[:owned]))
         if comm.rank == 0:

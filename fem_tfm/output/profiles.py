@@ -11,6 +11,9 @@ from typing import Any, Self
 
 from fem_tfm.output.files import replaced, write_text
 
+# numbers are written with 12 digits
+ROUNDING = 1e-11
+
 
 def header(names: Iterable[str], units: Mapping[str, str]) -> list[str]:
     """Column heads "name [unit]", or the bare name where no unit is known."""
@@ -49,7 +52,7 @@ def drop_after(path: str | Path, column: str, limit: float) -> None:
     names = [name.partition(" [")[0] for name in rows[0]] if rows else []
     if column not in names:
         return
-    place = names.index(column)
+    place, limit = names.index(column), limit + ROUNDING * abs(limit)
     # a row that a kill cut short has no line end
     kept = [
         line

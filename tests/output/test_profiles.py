@@ -70,7 +70,7 @@ def test_monitor_goes_on_after_a_kill(tmp_path: Path) -> None:
 def test_rows_behind_a_time_are_dropped(tmp_path: Path) -> None:
     path = tmp_path / "monitor.csv"
     path.write_text("step,time [s]\n1,0.5\n2,1\n3,1.5\n4,1", encoding="utf-8")
-    drop_after(path, "time", 1.0)
+    drop_after(path, "time", 1.0 - 4e-12)
     assert path.read_text(encoding="utf-8") == "step,time [s]\n1,0.5\n2,1\n"
     drop_after(path, "place", 0.0)
     assert path.read_text(encoding="utf-8") == "step,time [s]\n1,0.5\n2,1\n"
