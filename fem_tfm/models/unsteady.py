@@ -165,7 +165,7 @@ class Flow3D:
 
     def _prepare(self) -> None:
         """Distances, weights, matrices and solvers, which all steps share."""
-        cells, geometry = self.cells, self.mesh.geometry
+        cells = self.cells
         self._volume = cells.volume[: cells.owned]
         self._wall = cells.parts.get("wall", slice(0, 0))
         self._inlet = cells.parts.get("inlet", slice(0, 0))
