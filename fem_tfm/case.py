@@ -14,6 +14,7 @@ import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args, get_origin
 
@@ -48,10 +49,17 @@ FLOW_DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
         "inlet": {"profile": "uniform"},
     },
 }
-# flows whose development along the axis has a module of its own
-DEVELOPING = {
-    "dense": "fem_tfm.flows.developing",
-    "duct": "fem_tfm.flows.duct_developing",
+# solutions that have a module of their own, for each flow that has the solution
+SOLUTIONS = {
+    "developing": {
+        "dense": "fem_tfm.flows.developing",
+        "duct": "fem_tfm.flows.duct_developing",
+    },
+    "unsteady": {"dense": "fem_tfm.flows.unsteady"},
+}
+# defaults of keys that depend on the solution
+SOLUTION_DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
+    "unsteady": {"numerics": {"cells": "quadrilateral"}},
 }
 
 QUANTITIES = {
@@ -114,21 +122,34 @@ class Table(BaseModel):
 
 
 class Geometry(Table):
-    """The conveying line; its section lies in x, y with y up, z downstream."""
+    """The conveying line; its section lies in x, y with y up, z downstream.
 
-    shape: Literal["pipe", "duct"] = _key("pipe", "", "shape of the section")
-    diameter: float | None = _key(None, "m", "inner diameter of a pipe", gt=0, le=100)
+    A bend is a pipe that turns by an angle; its length is that of the axis, legs and arc together.
+    """
+
+    shape: Literal["pipe", "duct", "bend"] = _key("pipe", "", "shape of the line")
+    diameter: float | None = _key(None, "m", "inner diameter of a pipe or bend", gt=0, le=100)
     width: float | None = _key(None, "m", "inner width of a duct", gt=0, le=100)
     height: float | None = _key(None, "m", "inner height of a duct, default width", gt=0, le=100)
     length: float = _key(1.0, "m", "length over which the pressure drop is told", gt=0, le=1e5)
-    inclination_deg: float = _key(0.0, "deg", "angle above the horizontal", ge=-90, le=90)
+    inclination_deg: float = _key(
+        0.0, "deg", "angle of the inlet's axis above the horizontal", ge=-90, le=90
+    )
+    bend_radius: float | None = _key(
+        None, "m", "radius of the axis of a bend, default 3 diameters", gt=0, le=1e4
+    )
+    bend_angle_deg: float = _key(90.0, "deg", "angle by which a bend turns", gt=0, le=180)
+    bend_start: float | None = _key(
+        None, "m", "straight leg before a bend, default half the straight length", ge=0, le=1e5
+    )
+    bend_towards: Literal["up", "down", "side"] = _key("up", "", "to where a bend turns")
     symmetry: Literal["auto", "quarter", "half", "none"] = _key(
         "auto", "", "part of the section solved"
     )
 
     @model_validator(mode="after")
     def _sizes_of_the_shape(self) -> Self:
-        """A pipe has a diameter, a duct a width; neither has the other's."""
+        """A pipe and a bend have a diameter, a duct a width; neither has the other's."""
         needed, foreign = ("diameter", ("width", "height"))
         if self.shape == "duct":
             needed, foreign = ("width", ("diameter",))
@@ -141,18 +162,52 @@ class Geometry(Table):
             raise InputError(f"geometry.{needed}", None, allowed)
         return self
 
+    @model_validator(mode="after")
+    def _bend_fits(self) -> Self:
+        """A bend turns about a point outside the pipe; legs and arc make up its length."""
+        if self.shape != "bend":
+            for name in ("bend_radius", "bend_start"):
+                if getattr(self, name) is not None:
+                    value = getattr(self, name)
+                    raise InputError(f"geometry.{name}", value, "geometry.shape = 'bend' beside it")
+            return self
+        if self.axis_radius <= self.diameter / 2:
+            allowed = f"a radius above half the diameter, {self.diameter / 2:g} m"
+            raise InputError("geometry.bend_radius", self.bend_radius, allowed)
+        before, arc, _ = self.legs
+        if before + arc > self.length * (1 + 1e-9):
+            allowed = f"at least the leg before the bend and its arc, {before + arc:g} m"
+            raise InputError("geometry.length", self.length, allowed)
+        if self.bend_towards == "side" and self.symmetry == "half":
+            allowed = "'none' or 'auto' where the bend turns to the side"
+            raise InputError("geometry.symmetry", self.symmetry, allowed)
+        return self
+
+    @property
+    def axis_radius(self) -> float:
+        """Radius of the axis of a bend [m]."""
+        return self.bend_radius or 3 * self.diameter
+
+    @property
+    def legs(self) -> tuple[float, float, float]:
+        """Lengths along the axis before, in and behind the arc of a bend [m]."""
+        arc = self.axis_radius * math.radians(self.bend_angle_deg)
+        straight = max(self.length - arc, 0.0)
+        before = straight / 2 if self.bend_start is None else self.bend_start
+        return before, arc, max(straight - before, 0.0)
+
     @property
     def size(self) -> tuple[float, float]:
         """Width and height of the section [m]."""
-        if self.shape == "pipe":
-            return self.diameter, self.diameter
-        return self.width, self.height or self.width
+        if self.shape == "duct":
+            return self.width, self.height or self.width
+        return self.diameter, self.diameter
 
     @property
     def area(self) -> float:
         """Area A of the whole section [m2]."""
         width, height = self.size
-        return width * height * (math.pi / 4 if self.shape == "pipe" else 1)
+        return width * height * (1 if self.shape == "duct" else math.pi / 4)
 
     @property
     def hydraulic_diameter(self) -> float:
@@ -225,8 +280,18 @@ class Solids(Table):
         return self
 
 
+# pairs of numbers: points of a function of time, or intervals
+Pairs = Annotated[
+    tuple[Annotated[tuple[float, float], Field(strict=False)], ...], Field(strict=False)
+]
+
+
 class Operation(Table):
-    """How the line is driven: the flux of gas, and the hold-up or the flux of solids."""
+    """How the line is driven: the flux of gas, and the hold-up or the flux of solids.
+
+    An unsteady flow may change with time: a schedule lists [time, factor], linear between them and
+    constant before the first and after the last.
+    """
 
     gas_superficial_velocity: float = _key(
         ..., "m/s", "gas volume flow over the area of the section", gt=0, le=300
@@ -243,6 +308,29 @@ class Operation(Table):
     solids_mass_flow: float | None = _key(None, "kg/s", "mass flow of solids", gt=0, le=1e5)
     outlet_pressure: float | None = _key(None, "Pa", "absolute outlet pressure", gt=0, le=1e9)
     gravity: float = _key(9.81, "m/s2", "acceleration of gravity", ge=0, le=1000)
+    gas_schedule: Pairs = _key((), "s, -", "gas velocity over time, over the one given")
+    solids_schedule: Pairs = _key((), "s, -", "solids that enter over time, over what is given")
+    outlet_blocked: Pairs = _key((), "s", "times [from, to] in which the outlet holds the solids")
+
+    @field_validator("gas_schedule", "solids_schedule")
+    @classmethod
+    def _a_function_of_time(cls, points: tuple, info: ValidationInfo) -> tuple:
+        """Times grow, factors are no flow backwards."""
+        times = [time for time, _ in points]
+        grow = all(a < b for a, b in pairwise(times))
+        if not (grow and all(time >= 0 and factor >= 0 for time, factor in points)):
+            allowed = "pairs [time, factor] with times that grow from 0 s or later, factors >= 0"
+            raise InputError(f"operation.{info.field_name}", _plain(points), allowed)
+        return points
+
+    @field_validator("outlet_blocked")
+    @classmethod
+    def _intervals(cls, spans: tuple) -> tuple:
+        ends = [time for span in spans for time in span]
+        if not all(a < b for a, b in pairwise([-1e-300, *ends])):
+            allowed = "pairs [from, to] of times that grow from 0 s or later"
+            raise InputError("operation.outlet_blocked", _plain(spans), allowed)
+        return spans
 
     @model_validator(mode="after")
     def _one_feed(self) -> Self:
@@ -267,6 +355,33 @@ class Inlet(Table):
     length_scale: float = _key(
         0.07, "", "length of the eddies over the hydraulic diameter", gt=0, le=1
     )
+
+
+class Initial(Table):
+    """The flow from which an unsteady solution starts; nothing moves but with state = 'inlet'."""
+
+    state: Literal["rest", "bed", "inlet"] = _key(
+        "rest", "", "gas alone, a bed of solids, or the whole line filled with what enters"
+    )
+    bed_fraction: float = _key(0.55, "", "solids fraction of the bed", gt=0, lt=0.7406)
+    bed_height: float | None = _key(
+        None,
+        "m",
+        "height of the bed above the lowest wall, default all of it",
+        gt=0,
+        le=100,
+    )
+    bed_start: float = _key(0.0, "m", "where along the line the bed begins", ge=0, le=1e5)
+    bed_end: float | None = _key(
+        None, "m", "where along the line the bed ends, default the outlet", gt=0, le=1e5
+    )
+
+    @model_validator(mode="after")
+    def _bed_has_a_length(self) -> Self:
+        if self.bed_end is not None and self.bed_end <= self.bed_start:
+            allowed = f"a place behind initial.bed_start = {self.bed_start:g} m"
+            raise InputError("initial.bed_end", self.bed_end, allowed)
+        return self
 
 
 KINDS = {
@@ -389,6 +504,23 @@ class Numerics(Table):
     axial_accuracy: float = _key(
         0.03, "", "how far a station may lie off the line through the two before it", gt=0, le=1
     )
+    axial_cells: int | None = _key(
+        None, "", "cells along an unsteady flow, default twice as long as wide", ge=1, le=1000000
+    )
+    order: int = _key(0, "", "order of an unsteady flow's fields: 0, or 1 with limiter", ge=0, le=1)
+    end_time: float | None = _key(None, "s", "end of an unsteady flow", gt=0, le=1e6)
+    courant: float = _key(
+        1.0, "", "largest Courant number of an unsteady flow's steps", gt=0, le=1000
+    )
+    time_step: float | None = _key(
+        None, "s", "first step in time, default 1/100 of the largest", gt=0, le=1e6
+    )
+    largest_time_step: float | None = _key(
+        None, "s", "largest step in time, default the interval of the output", gt=0, le=1e6
+    )
+    smallest_time_step: float = _key(
+        1e-9, "s", "smallest step in time; the run ends below it", gt=0, le=1
+    )
 
 
 class Heat(Table):
@@ -412,6 +544,18 @@ class Output(Table):
     pictures: bool = _key(True, "", "write pictures")
     xdmf: bool = _key(True, "", "write fields.xdmf")
     stations: int = _key(24, "", "sections of a developing flow in fields.xdmf", ge=1, le=10000)
+    interval: float | None = _key(
+        None, "s", "time between the fields of an unsteady flow, default 1/20 of all", gt=0, le=1e6
+    )
+    checkpoint_interval: float | None = _key(
+        None, "s", "time between the checkpoints, default the interval", gt=0, le=1e6
+    )
+    probes: Annotated[
+        tuple[Annotated[tuple[float, float, float], Field(strict=False)], ...], Field(strict=False)
+    ] = _key((), "m", "points [x, y, z] of an unsteady flow, one row a step in probes.csv")
+    sections: Annotated[tuple[float, ...], Field(strict=False)] = _key(
+        (), "m", "places along an unsteady flow, one row an interval in sections.csv"
+    )
 
 
 class Reference(Table):
@@ -431,7 +575,7 @@ class Case(Table):
 
     title: str = _key("", "", "one line about the case")
     flow: Literal[tuple(FLOWS)] = _key("dense", "", "kind of flow")
-    solution: Literal["auto", "developed", "developing"] = _key(
+    solution: Literal["auto", "developed", "developing", "unsteady"] = _key(
         "auto", "", "how the axis is treated; auto is developed"
     )
     inferred: Annotated[tuple[str, ...], Field(strict=False)] = _key(
@@ -441,7 +585,10 @@ class Case(Table):
     gas: Gas = _key(..., "", "gas")
     solids: Solids | None = _key(None, "", "particles; without the table the gas flows alone")
     operation: Operation = _key(..., "", "fluxes, hold-up, gravity")
-    inlet: Inlet = Field(default_factory=Inlet, description="what enters a developing flow")
+    inlet: Inlet = Field(default_factory=Inlet, description="what enters a line")
+    initial: Initial = Field(
+        default_factory=Initial, description="from where an unsteady flow starts"
+    )
     closures: Closures = Field(default_factory=Closures, description="laws of the model")
     walls: Walls = Field(default_factory=Walls, description="laws at the wall")
     heat: Heat | None = _key(None, "", "heat from the walls; without the table there is none")
@@ -459,13 +606,14 @@ class Case(Table):
 
     @model_validator(mode="before")
     @classmethod
-    def _defaults_of_the_flow(cls, values: Any) -> Any:
-        """Give the keys that are not given the defaults of the kind of flow."""
-        flow = values.get("flow") if isinstance(values, dict) else None
-        for table, defaults in FLOW_DEFAULTS.get(flow, {}).items() if _is_name(flow) else ():
-            given = values.get(table, {})
-            if isinstance(given, Mapping):
-                values[table] = {**defaults, **given}
+    def _defaults_of_the_kind(cls, values: Any) -> Any:
+        """Give the keys that are not given the defaults of the kind of flow and solution."""
+        for key, kinds in (("solution", SOLUTION_DEFAULTS), ("flow", FLOW_DEFAULTS)):
+            kind = values.get(key) if isinstance(values, dict) else None
+            for table, defaults in kinds.get(kind, {}).items() if _is_name(kind) else ():
+                given = values.get(table, {})
+                if isinstance(given, Mapping):
+                    values[table] = {**defaults, **given}
         return values
 
     @model_validator(mode="after")
@@ -483,6 +631,46 @@ class Case(Table):
         for key, (value, refused, allowed) in wrong.items():
             if refused:
                 raise InputError(key, value, f"{allowed} for flow {self.flow!r}")
+        return self
+
+    @model_validator(mode="after")
+    def _keys_of_the_solution(self) -> Self:
+        """An unsteady flow has an end; what only it can solve is refused to the others."""
+        if self.solution == "unsteady":
+            if self.flow not in SOLUTIONS["unsteady"]:
+                raise InputError("solution", self.solution, "flow 'dense' beside it")
+            if self.numerics.end_time is None:
+                allowed = _allowed(Numerics.model_fields["end_time"])
+                raise InputError("numerics.end_time", None, allowed)
+            return self
+        allowed, feed = "solution = 'unsteady' beside it", self.operation
+        if self.geometry.shape == "bend":
+            raise InputError("geometry.shape", "bend", allowed)
+        for name in ("gas_schedule", "solids_schedule", "outlet_blocked"):
+            if getattr(feed, name):
+                raise InputError(f"operation.{name}", _plain(getattr(feed, name)), allowed)
+        return self
+
+    @model_validator(mode="after")
+    def _initial_state_fits(self) -> Self:
+        """A bed has solids below their packing, in the line; steps in time are in order."""
+        if self.solution != "unsteady":
+            return self
+        start, given = self.initial, self.numerics
+        if start.state == "bed":
+            if self.solids is None:
+                raise InputError("initial.state", start.state, "a table [solids] beside it")
+            if start.bed_fraction >= self.solids.packing_limit:
+                allowed = f"a number below solids.packing_limit = {self.solids.packing_limit}"
+                raise InputError("initial.bed_fraction", start.bed_fraction, allowed)
+            if start.bed_start >= self.geometry.length:
+                allowed = f"a place before the outlet at {self.geometry.length:g} m"
+                raise InputError("initial.bed_start", start.bed_start, allowed)
+        for name in ("time_step", "largest_time_step"):
+            step = getattr(given, name)
+            if step is not None and step < given.smallest_time_step:
+                allowed = f"at least numerics.smallest_time_step = {given.smallest_time_step:g} s"
+                raise InputError(f"numerics.{name}", step, allowed)
         return self
 
     @model_validator(mode="after")
@@ -526,10 +714,14 @@ class Case(Table):
 
     @model_validator(mode="after")
     def _inlet_is_known(self) -> Self:
-        """A developing flow starts from what enters, which a hold-up alone does not tell."""
-        if self.solution == "developing" and self.solids is not None:
+        """What enters a line must be known, which a hold-up alone does not tell."""
+        if self.solution in SOLUTIONS and self.solids is not None:
             # raises where the feed does not tell it
-            _ = self.solids_inlet
+            fraction, _ = self.solids_inlet
+            most = max((factor for _, factor in self.operation.solids_schedule), default=1.0)
+            if fraction * most >= self.solids.packing_limit:
+                allowed = f"factors below {self.solids.packing_limit / fraction:g}, where it packs"
+                raise InputError("operation.solids_schedule", most, allowed)
         return self
 
     @model_validator(mode="after")
@@ -610,7 +802,7 @@ class Case(Table):
 
     @property
     def solids_inlet(self) -> tuple[float, float]:
-        """alpha_s [-] and mean velocity u_s [m/s] of the solids that enter a developing flow.
+        """alpha_s [-] and mean velocity u_s [m/s] of the solids that enter a line.
 
         As given, or u_s from the correlation of the feeder and alpha_s = j_s/u_s. Raises
         `InputError` where the feed does not tell them.
@@ -899,6 +1091,8 @@ def _allowed(info: FieldInfo) -> str:
         kind = "a list of tables" if several else "a table"
     elif names:
         kind = "a list of names out of " + ", ".join(names) if several else _one_of(names)
+    elif several and _holds(info.annotation, float):
+        kind = "a list of numbers, or of lists of them"
     elif several:
         kind = "a list of texts"
     else:

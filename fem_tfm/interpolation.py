@@ -106,12 +106,22 @@ def point_values(
     several = [functions] if isinstance(functions, fem.Function) else list(functions)
     if not several:
         return []
-    mesh = several[0].function_space.mesh
-    x = _three_columns(points)
-    reach = TOLERANCE * _extent(mesh) if tolerance is None else tolerance
-    cells, here, found = _owners(mesh, x, reach)
-    values = [_evaluated(function, x, cells, here, found) for function in several]
+    where = Points(several[0].function_space.mesh, points, tolerance)
+    values = [where.values(function) for function in several]
     return values[0] if isinstance(functions, fem.Function) else values
+
+
+class Points:
+    """Points whose cells are found once, for values again and again; as `point_values`."""
+
+    def __init__(self, mesh: Mesh, points: npt.ArrayLike, tolerance: float | None = None) -> None:
+        self.x = _three_columns(points)
+        reach = TOLERANCE * _extent(mesh) if tolerance is None else tolerance
+        self._cells, self._here, self.found = _owners(mesh, self.x, reach)
+
+    def values(self, function: fem.Function) -> npt.NDArray[Any]:
+        """Values at all points on every rank, nan where there is no mesh (collective)."""
+        return _evaluated(function, self.x, self._cells, self._here, self.found)
 
 
 def _count_cells(mesh: Mesh) -> int:

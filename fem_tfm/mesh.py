@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Meshes of pipes and ducts: opens the parameterised Gmsh scripts in meshes/ and tags their parts.
+"""Meshes of pipes, ducts and bends: opens the Gmsh scripts in meshes/ and tags their parts.
 
 A section lies in the plane (x, y), y up, z downstream; a half section keeps x >= 0, a quarter
 x >= 0 and y >= 0. Parts are named "fluid", "wall", "symmetry" (half), "symmetry_x" and
 "symmetry_y" (quarter: the planes x = 0 and y = 0) and, in three dimensions, "inlet" and "outlet".
+A bend is a straight line whose nodes have been moved onto the arc.
 Gmsh runs on rank 0 alone. What depends on the version of DOLFINx is here and nowhere else.
 """
 
@@ -109,6 +110,11 @@ class PipeGeometry:
         _offset(self.wall_offset, self.diameter / 2)
 
     @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the whole section [m]."""
+        return self.diameter, self.diameter
+
+    @property
     def radius(self) -> float:
         """Radius of the pipe [m]."""
         return self.diameter / 2
@@ -187,6 +193,11 @@ class DuctGeometry:
         _offset(self.wall_offset, min(self.width, self.height) / 2)
 
     @property
+    def size(self) -> tuple[float, float]:
+        """Width and height of the whole section [m]."""
+        return self.width, self.height
+
+    @property
     def radius(self) -> float:
         """Half the hydraulic diameter [m]."""
         return self.hydraulic_diameter / 2
@@ -255,6 +266,102 @@ class DuctGeometry:
 
 
 Geometry = PipeGeometry | DuctGeometry
+# normals to the axis at the inlet, along which a bend turns
+TOWARDS = {"up": (0.0, 1.0), "down": (0.0, -1.0), "side": (1.0, 0.0)}
+
+
+@dataclass(frozen=True)
+class Bend:
+    """An arc in the axis of a line.
+
+    radius  : of the axis [m]
+    angle   : by which the axis turns, (0, pi] [rad]
+    before  : straight length between inlet and arc [m]
+    towards : "up" (+y), "down" (-y) or "side" (+x) as seen at the inlet
+
+    A point has the coordinates (x, y, s) in the straight line, s along the axis. With n the normal
+    of the axis towards the centre of the arc, c = (x, y).n and phi = (s - before)/radius, it lies
+    in the arc at
+
+        c' = radius - (radius - c) cos(phi),    z = before + (radius - c) sin(phi).
+
+    Raises InputError.
+    """
+
+    radius: float
+    angle: float
+    before: float
+    towards: str = "up"
+
+    def __post_init__(self) -> None:
+        _positive("geometry.bend_radius", self.radius)
+        if not (_number(self.angle) and 0 < self.angle <= math.pi):
+            raise InputError("geometry.bend_angle_deg", self.angle, "above 0 and at most 180 deg")
+        if not (_number(self.before) and self.before >= 0):
+            raise InputError("geometry.bend_start", self.before, "at least 0 m")
+        _choice("geometry.bend_towards", self.towards, tuple(TOWARDS))
+
+    @property
+    def end(self) -> float:
+        """Length along the axis at which the arc ends [m]."""
+        return self.before + self.radius * self.angle
+
+    @property
+    def normal(self) -> npt.NDArray[np.float64]:
+        """Normal n of the axis at the inlet, towards the centre of the arc, shape (3,)."""
+        return np.array([*TOWARDS[self.towards], 0.0])
+
+    def bent(self, straight: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Places of points (x, y, s) of the straight line, shape (n, 3) [m]."""
+        s = straight[:, 2]
+        phi = np.clip((s - self.before) / self.radius, 0.0, self.angle)
+        lever = self.radius - straight @ self.normal
+        # what lies before and behind the arc goes straight on
+        rest = s - np.clip(s, self.before, self.end)
+        across = self.radius - lever * np.cos(phi) + rest * np.sin(phi)
+        along = self.before + lever * np.sin(phi) + rest * np.cos(phi)
+        return self._with(straight, across, along)
+
+    def straightened(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Coordinates (x, y, s) of points in the straight line, the inverse of `bent` [m]."""
+        phi = self._turned(x)
+        lever, ahead = self.radius - x @ self.normal, x[:, 2] - self.before
+        across = self.radius - lever * np.cos(phi) - ahead * np.sin(phi)
+        rest = ahead * np.cos(phi) - lever * np.sin(phi)
+        return self._with(x, across, self.before + self.radius * phi + rest)
+
+    def axis(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Unit vectors along the axis at points, shape (n, 3)."""
+        phi = self._turned(x)[:, None]
+        return np.sin(phi) * self.normal + np.cos(phi) * np.array([0.0, 0.0, 1.0])
+
+    def fits(self, geometry: Geometry, length: float) -> None:
+        """Refuse a bend that the line or its section cannot make; raises InputError."""
+        lost = ("quarter", "half") if self.towards == "side" else ("quarter",)
+        if geometry.symmetry in lost:
+            allowed = "a part that the bend leaves symmetric"
+            raise InputError("geometry.symmetry", geometry.symmetry, allowed)
+        width, height = geometry.size
+        half = (width if self.towards == "side" else height) / 2
+        if self.radius <= half:
+            raise InputError("geometry.bend_radius", self.radius, f"above {half:g} m")
+        if length < self.end * (1 - 1e-9):
+            raise InputError(
+                "geometry.length", length, f"at least {self.end:g} m, to the arc's end"
+            )
+
+    def _turned(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Angle by which the axis has turned at points, shape (n,) [rad]."""
+        phi = np.arctan2(x[:, 2] - self.before, self.radius - x @ self.normal)
+        # legs lie within a quarter turn of the ends of the arc
+        phi = np.where(phi < -math.pi / 2, phi + 2 * math.pi, phi)
+        return np.clip(phi, 0.0, self.angle)
+
+    def _with(self, x: npt.NDArray[np.float64], across: Any, along: Any) -> npt.NDArray[np.float64]:
+        """Points with other coordinates along the normal and along z."""
+        moved = x + (across - x @ self.normal)[:, None] * self.normal
+        moved[:, 2] = along
+        return moved
 
 
 @dataclass(frozen=True)
@@ -319,7 +426,8 @@ class Mesh:
     tags       : tag of each name
     geometry   : PipeGeometry or DuctGeometry
     size       : core cell size [m] as built; the wall cell is wall_ratio times that
-    length     : length along z [m], None for a section
+    length     : length along the axis [m], None for a section
+    bend       : the arc in the axis, None for a straight line
     """
 
     mesh: DolfinxMesh
@@ -329,6 +437,7 @@ class Mesh:
     geometry: Geometry
     size: float
     length: float | None = None
+    bend: Bend | None = None
 
     @property
     def num_cells(self) -> int:
@@ -336,8 +445,47 @@ class Mesh:
         return int(self.mesh.topology.index_map(self.mesh.topology.dim).size_global)
 
     def wall_distance(self) -> Any:
-        """UFL distance to the wall [m], see the geometry."""
+        """UFL distance to the wall of a section or straight line [m], see the geometry.
+
+        Raises ValueError for a bend, where `distance_at` tells it.
+        """
+        if self.bend is not None:
+            raise ValueError("the wall of a bend has no distance in x and y")
         return self.geometry.wall_distance(ufl.SpatialCoordinate(self.mesh))
+
+    def straightened(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Coordinates (x, y, s) of points in the straight line, s along the axis, (n, 3) [m]."""
+        return x if self.bend is None else self.bend.straightened(x)
+
+    def axis(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Unit vectors along the axis at points, shape (n, 3)."""
+        if self.bend is None:
+            return np.broadcast_to([0.0, 0.0, 1.0], x.shape)
+        return self.bend.axis(x)
+
+    def distance_at(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Distance of points to the wall, shape (n,) [m]; see the geometry."""
+        return self.geometry.wall_distance(self.straightened(x).T)
+
+    def plane(
+        self, rows: int, columns: int
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        """A grid in the vertical plane through the axis of a line.
+
+        Points in space, shape (rows, columns, 3), and where to draw them, shape (rows, columns, 2):
+        along and up as they lie, but a bend to the side unrolled [m]. They keep half a spacing from
+        walls and ends, and a hair from the plane of symmetry.
+        """
+        width, height = self.geometry.size
+        low = -height / 2 if self.geometry.symmetry != "quarter" else 0.0
+        y = low + (height / 2 - low) * (np.arange(rows) + 0.5) / rows
+        s = self.length * (np.arange(columns) + 0.5) / columns
+        y, s = np.meshgrid(y, s, indexing="ij")
+        straight = np.stack([np.full_like(y, 1e-6 * width), y, s], axis=-1).reshape(-1, 3)
+        points = straight if self.bend is None else self.bend.bent(straight)
+        unrolled = self.bend is not None and self.bend.towards == "side"
+        drawn = (straight if unrolled else points)[:, [2, 1]]
+        return points.reshape(rows, columns, 3), drawn.reshape(rows, columns, 2)
 
     def facets(self, name: str) -> npt.NDArray[np.int32]:
         """Local indices of the facets called `name`; empty if the mesh has no such part."""
@@ -363,14 +511,37 @@ def extruded(
     layers: int,
     level: int = 3,
     *,
+    bend: Bend | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
     **resolution: Any,
 ) -> Mesh:
-    """Mesh of a straight pipe or duct, 0 <= z <= length [m], in `layers` equal slices.
+    """Mesh of a pipe or duct of a length along its axis [m], in `layers` equal slices.
 
-    Triangles become tetrahedra, quadrilaterals hexahedra. Arguments and errors as for section().
+    It lies at 0 <= z <= length, or follows a bend. Triangles become tetrahedra, quadrilaterals
+    hexahedra. Arguments and errors as for section().
     """
-    return _build(_Request(geometry, Resolution(level, **resolution), length, layers), comm)
+    return _build(_Request(geometry, Resolution(level, **resolution), length, layers, bend), comm)
+
+
+def line(case: Any, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
+    """Mesh of the whole line of a case, straight cells; collective, errors as for section()."""
+    return _build(_line_request(case), comm)
+
+
+def axial_layers(case: Any) -> int:
+    """Slices of line(), twice as long as core cells are wide unless the case tells their number."""
+    if case.numerics.axial_cells is not None:
+        return case.numerics.axial_cells
+    size = Resolution(**resolution_of(case)).core_size(geometry_of(case))
+    return max(round(case.geometry.length / (2 * size)), 1)
+
+
+def line_cells(case: Any, comm: MPI.Comm = MPI.COMM_WORLD) -> int:
+    """Cells of line(), counted on the section; collective."""
+    request = _line_request(case)
+    per_slice = 3 if request.resolution.cells == "triangle" else 1
+    mesh = _build(_Request(request.geometry, request.resolution), comm)
+    return mesh.num_cells * request.layers * per_slice
 
 
 def write(
@@ -380,6 +551,7 @@ def write(
     *,
     length: float | None = None,
     layers: int = 10,
+    bend: Bend | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
     **resolution: Any,
 ) -> None:
@@ -390,8 +562,11 @@ def write(
     [m] writes the extruded mesh. Collective. Raises InputError for another suffix or a missing
     directory.
     """
+    _write(_Request(geometry, Resolution(level, **resolution), length, layers, bend), path, comm)
+
+
+def _write(request: _Request, path: str | Path, comm: MPI.Comm) -> None:
     path = check_path(path)
-    request = _Request(geometry, Resolution(level, **resolution), length, layers)
 
     def work() -> None:
         with _model(request) as gmsh:
@@ -414,15 +589,17 @@ def check_path(path: str | Path) -> Path:
 def geometry_of(case: Any) -> Geometry:
     """Geometry of a case's section, raises InputError.
 
-    Symmetry "auto" takes the half; for a duct's gas, which has no weight, the quarter, and the mesh
-    begins at the distance of the wall functions.
+    Symmetry "auto" takes the half, or the whole where a bend turns to the side; for a duct's gas,
+    which has no weight, the quarter, and the mesh begins at the distance of the wall functions.
     """
     given = case.geometry
-    _choice("geometry.shape", given.shape, ("pipe", "duct"))
+    _choice("geometry.shape", given.shape, ("pipe", "duct", "bend"))
     weightless = case.flow == "duct"
     part, offset = ("quarter", case.wall_distance) if weightless else ("half", 0.0)
+    if given.shape == "bend" and given.bend_towards == "side":
+        part = "none"
     symmetry = part if given.symmetry == "auto" else given.symmetry
-    if given.shape == "pipe":
+    if given.shape != "duct":
         return PipeGeometry(given.diameter, symmetry, offset)
     height = given.width if given.height is None else given.height
     return DuctGeometry(given.width, height, symmetry, offset)
@@ -445,8 +622,21 @@ def resolution_of(case: Any) -> dict[str, Any]:
 
 
 def write_case_mesh(case: Any, path: str | Path, comm: MPI.Comm = MPI.COMM_WORLD) -> None:
-    """Write the section of a case, see write()."""
-    write(geometry_of(case), path, comm=comm, **resolution_of(case))
+    """Write the section of a case, or the line of an unsteady one; see write()."""
+    if case.solution == "unsteady":
+        _write(_line_request(case), path, comm)
+    else:
+        write(geometry_of(case), path, comm=comm, **resolution_of(case))
+
+
+def _line_request(case: Any) -> _Request:
+    """The line of a case."""
+    given, geometry = case.geometry, geometry_of(case)
+    resolution, bend = Resolution(**resolution_of(case), order=1), None
+    if given.shape == "bend":
+        angle = math.radians(given.bend_angle_deg)
+        bend = Bend(given.axis_radius, angle, given.legs[0], given.bend_towards)
+    return _Request(geometry, resolution, given.length, axial_layers(case), bend)
 
 
 @dataclass(frozen=True)
@@ -457,11 +647,14 @@ class _Request:
     resolution: Resolution
     length: float | None = None
     layers: int = 1
+    bend: Bend | None = None
 
     def __post_init__(self) -> None:
         if self.length is not None:
             _positive("length", self.length)
         _whole("layers", self.layers, 10**6)
+        if self.bend is not None:
+            self.bend.fits(self.geometry, self.length)
         self.resolution.core_size(self.geometry)
         self.resolution.chosen_layout(self.geometry)
 
@@ -485,7 +678,7 @@ class _Request:
         }
 
     @property
-    def bends_diagonals(self) -> bool:
+    def curves_diagonals(self) -> bool:
         given = self.resolution
         curved = given.chosen_layout(self.geometry) == "o-grid" and given.order == 2
         return curved and given.cells == "triangle"
@@ -546,14 +739,16 @@ def _model(request: _Request) -> Iterator[ModuleType]:
         try:
             gmsh.merge(str(_script(request.geometry.script)))
             gmsh.model.mesh.generate(request.dim)
-            if request.bends_diagonals:
-                _bend_diagonals(gmsh, request.dim)
+            if request.curves_diagonals:
+                _curve_diagonals(gmsh, request.dim)
+            if request.bend is not None:
+                _follow(gmsh, request.bend)
             yield gmsh
         finally:
             gmsh.parser.clear()
 
 
-def _bend_diagonals(gmsh: ModuleType, dim: int) -> None:
+def _curve_diagonals(gmsh: ModuleType, dim: int) -> None:
     """Move the mid-side nodes of diagonals to the centre of their curved quadrilateral.
 
     A straight diagonal cuts through the curved sides of a long thin cell; the centre is that of the
@@ -574,6 +769,13 @@ def _bend_diagonals(gmsh: ModuleType, dim: int) -> None:
     ends = sum(points[first[edges[:, 0], (edges[:, 1] + i) % 3]] for i in (0, 1))
     corners = sum(points[t[:, :3]].sum(axis=1) for t in (first, second)) - ends
     _move(gmsh, tags, points, points[middle], sides / 2 - corners / 4, dim)
+
+
+def _follow(gmsh: ModuleType, bend: Bend) -> None:
+    """Move the nodes of a straight line onto a bend."""
+    tags, points, _ = gmsh.model.mesh.getNodes()
+    for tag, place in zip(tags, bend.bent(points.reshape(-1, 3)), strict=True):
+        gmsh.model.mesh.setNode(tag, place, [])
 
 
 def _pairs(gmsh: ModuleType, dim: int) -> tuple[npt.NDArray[Any], npt.NDArray[Any]]:
@@ -653,7 +855,14 @@ def _build(request: _Request, comm: MPI.Comm) -> Mesh:
     assert comm.size == 1 or ghosts > 0 or comm.allreduce(cells.size_local > 0) == 1
     tags = {name: group.tag for name, group in data.physical_groups.items()}
     return Mesh(
-        data.mesh, data.cell_tags, data.facet_tags, tags, request.geometry, size, request.length
+        data.mesh,
+        data.cell_tags,
+        data.facet_tags,
+        tags,
+        request.geometry,
+        size,
+        request.length,
+        request.bend,
     )
 
 

@@ -9,6 +9,9 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import Any
+
+from mpi4py import MPI
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -21,6 +24,37 @@ def install() -> None:
         os.environ["PETSC_OPTIONS"] = f"{options} -no_signal_handler".strip()
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, _interrupt)
+
+
+class Request:
+    """Whether this process has been asked to stop."""
+
+    def __init__(self) -> None:
+        self.made = False
+
+    def on_any(self, comm: Any) -> bool:
+        """Whether any rank has been asked; the same answer on all (collective)."""
+        return bool(comm.allreduce(int(self.made), MPI.MAX))
+
+
+@contextmanager
+def deferred() -> Iterator[Request]:
+    """Take Ctrl-C and SIGTERM as a request, so that work can end where all ranks stand together.
+
+    A second signal interrupts at once. Outside the main thread signals stay as they are.
+    """
+    request = Request()
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if request.made:
+            raise KeyboardInterrupt
+        request.made = True
+
+    with kept():
+        if threading.current_thread() is threading.main_thread():
+            for number in SIGNALS:
+                signal.signal(number, note)
+        yield request
 
 
 @contextmanager

@@ -355,7 +355,16 @@ BAD = [
     ("closures.drag.C", "much", "a number"),
     # names
     ("geometry.shape", "pip", "did you mean 'pipe'?"),
-    ("geometry.shape", "bend", "one of pipe, duct"),
+    ("geometry.shape", "cone", "one of pipe, duct, bend"),
+    ("geometry.shape", "bend", "solution = 'unsteady' beside it"),
+    ("geometry.bend_radius", 0.1, "geometry.shape = 'bend' beside it"),
+    ("operation.gas_schedule", [[0, 0], [1, 1]], "solution = 'unsteady' beside it"),
+    ("operation.solids_schedule", [[1, 0], [0, 1]], "times that grow"),
+    ("operation.solids_schedule", [[0, -1]], "factors >= 0"),
+    ("operation.outlet_blocked", [[0.2, 0.1]], "pairs [from, to] of times that grow"),
+    ("operation.outlet_blocked", [[0.1, 0.2], [0.15, 0.3]], "pairs [from, to] of times that grow"),
+    ("operation.gas_schedule", "ramp", "a list of numbers, or of lists of them [s, -]"),
+    ("output.probes", [[0.0, 0.1]], "a list of numbers, or of lists of them [m]"),
     ("geometry.symmetry", "quarter", "one of auto, half, none"),
     ("flow", "slug", "one of dense"),
     ("solution", "develop", "did you mean 'developed'?"),
@@ -603,3 +612,90 @@ def test_a_hold_up_alone_does_for_the_developed_section(dense: dict[str, Any]) -
 def test_gas_alone_may_develop(dense: dict[str, Any]) -> None:
     del dense["solids"]
     assert entering(dense).solids_feed is None
+
+
+# -- unsteady flow -----------------------------------------------------------------------------
+
+
+def unsteady(dense: dict[str, Any], changes: dict[str, Any] | None = None) -> Case:
+    """An unsteady case of a fed line, with dotted keys changed."""
+    dense["operation"] |= {"solids_fraction": 0.245, "solids_velocity": 6.09}
+    values = dense | {"solution": "unsteady", "numerics": {"end_time": 0.5}}
+    return Case.from_dict(values).with_values(changes or {})
+
+
+def test_defaults_of_an_unsteady_flow(dense: dict[str, Any]) -> None:
+    case = unsteady(dense)
+    assert case.numerics.cells == "quadrilateral"
+    assert (case.numerics.order, case.numerics.courant) == (0, 1.0)
+    assert case.initial.state == "rest"
+
+
+def test_a_schedule_is_written_and_read_back(dense: dict[str, Any]) -> None:
+    case = unsteady(
+        dense,
+        {
+            "operation.gas_schedule": [[0, 0], [0.1, 1]],
+            "operation.outlet_blocked": [[0.2, 0.3]],
+            "output.probes": [[0, 0.004, 0.1]],
+        },
+    )
+    assert case.operation.gas_schedule == ((0.0, 0.0), (0.1, 1.0))
+    assert Case.from_dict(tomllib.loads(case.dump())) == case
+
+
+BEND = {
+    "geometry.shape": "bend",
+    "geometry.diameter": 0.01,
+    "geometry.bend_radius": 0.05,
+    "geometry.length": 0.2,
+}
+
+
+def test_legs_of_a_bend(dense: dict[str, Any]) -> None:
+    geometry = unsteady(dense, BEND).geometry
+    arc = 0.05 * math.pi / 2
+    straight = (0.2 - arc) / 2
+    assert geometry.legs == pytest.approx((straight, arc, straight))
+    assert geometry.hydraulic_diameter == 0.01
+    geometry = unsteady(dense, BEND | {"geometry.bend_start": 0.0}).geometry
+    assert geometry.legs == pytest.approx((0.0, arc, 0.2 - arc))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"numerics.end_time": None}, "numerics.end_time is not given: expected a number above 0"),
+        ({"numerics.time_step": 1e-12}, "at least numerics.smallest_time_step = 1e-09 s"),
+        (
+            {"initial.state": "bed", "initial.bed_fraction": 0.65},
+            "a number below solids.packing_limit = 0.63",
+        ),
+        ({"initial.state": "bed", "initial.bed_start": 1e4}, "a place before the outlet"),
+        ({"initial.bed_start": 0.1, "initial.bed_end": 0.1}, "a place behind initial.bed_start"),
+        ({"operation.solids_schedule": [[0, 1], [1, 3]]}, "factors below 2.57143, where it packs"),
+        (BEND | {"geometry.bend_radius": 0.004}, "a radius above half the diameter"),
+        (BEND | {"geometry.bend_start": 0.15}, "at least the leg before the bend and its arc"),
+        (BEND | {"geometry.bend_towards": "side", "geometry.symmetry": "half"}, "'none' or 'auto'"),
+    ],
+)
+def test_an_unsteady_flow_that_cannot_be_is_refused(
+    dense: dict[str, Any], changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InputError) as refused:
+        unsteady(dense, changes)
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_duct_is_not_unsteady(dense: dict[str, Any]) -> None:
+    del dense["solids"]
+    with pytest.raises(InputError, match="flow 'dense' beside it"):
+        Case.from_dict(
+            {
+                **dense,
+                "flow": "duct",
+                "solution": "unsteady",
+                "operation": {"gas_superficial_velocity": 6.0},
+            }
+        )

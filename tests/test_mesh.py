@@ -19,8 +19,22 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from fem_tfm import mesh as meshes
+from fem_tfm.case import Case
 from fem_tfm.errors import InputError, SolverError
-from fem_tfm.mesh import DuctGeometry, Geometry, Mesh, PipeGeometry, extruded, section, write
+from fem_tfm.interpolation import point_values
+from fem_tfm.mesh import (
+    Bend,
+    DuctGeometry,
+    Geometry,
+    Mesh,
+    PipeGeometry,
+    extruded,
+    line,
+    line_cells,
+    section,
+    write,
+    write_case_mesh,
+)
 
 RADIUS = 0.005
 PIPE = PipeGeometry(2 * RADIUS)
@@ -261,6 +275,156 @@ def test_extruded(geometry: Geometry, cells: str, per_cell: int) -> None:
         assert integral(mesh, end) == pytest.approx(geometry.meshed_area, rel=2e-5)
     values = jacobians(mesh)
     assert (values.min(axis=1) / values.max(axis=1)).min() > 0.3
+
+
+# -- bends -------------------------------------------------------------------------------------
+
+TURNS = [("up", 30.0), ("up", 90.0), ("down", 90.0), ("side", 120.0), ("down", 180.0)]
+
+
+def bend(towards: str, degrees: float) -> Bend:
+    return Bend(4 * RADIUS, math.radians(degrees), RADIUS, towards)
+
+
+@pytest.mark.parametrize(("towards", "degrees"), TURNS)
+def test_a_bend_moves_points_there_and_back(towards: str, degrees: float) -> None:
+    arc = bend(towards, degrees)
+    x = np.random.default_rng(1).uniform(-RADIUS, RADIUS, (200, 3))
+    x[:, 2] = np.linspace(0, arc.end + 3 * RADIUS, len(x))
+    there = arc.bent(x)
+    np.testing.assert_allclose(arc.straightened(there), x, atol=1e-15)
+    before = x[:, 2] <= arc.before
+    np.testing.assert_allclose(there[before], x[before], atol=1e-17)
+    # distances along the normal of the axis's plane, and to the axis, are kept
+    binormal = np.cross(arc.normal, [0, 0, 1])
+    np.testing.assert_allclose(there @ binormal, x @ binormal, atol=1e-17)
+    axis = arc.bent(x * [0, 0, 1])
+    assert np.linalg.norm(there - axis, axis=1) == pytest.approx(np.hypot(*x[:, :2].T), abs=1e-15)
+
+
+@pytest.mark.parametrize(("towards", "degrees"), TURNS)
+def test_the_axis_of_a_bend_has_its_length_and_direction(towards: str, degrees: float) -> None:
+    arc, step = bend(towards, degrees), 1e-7
+    s = np.linspace(0, arc.end + 3 * RADIUS, 7)
+    x = arc.bent(np.column_stack([0 * s, 0 * s, s]))
+    ahead = arc.bent(np.column_stack([0 * s, 0 * s, s + step]))
+    np.testing.assert_allclose((ahead - x) / step, arc.axis(x), atol=1e-5)
+    last = arc.axis(x[-1:])[0]
+    assert last @ [0, 0, 1] == pytest.approx(math.cos(math.radians(degrees)))
+    assert last @ arc.normal == pytest.approx(math.sin(math.radians(degrees)))
+
+
+@pytest.mark.parametrize("cells", ["triangle", "quadrilateral"])
+@pytest.mark.parametrize(("geometry", "towards"), [(PIPE, "up"), (DUCT, "down")])
+def test_a_bent_line_is_as_large_as_a_straight_one(
+    geometry: Geometry, towards: str, cells: str
+) -> None:
+    arc = bend(towards, 90.0)
+    length = arc.end + RADIUS
+    mesh = extruded(geometry, length, 16, 2, cells=cells, bend=arc)
+    # Pappus: centroids lie on the axis
+    assert integral(mesh) == pytest.approx(geometry.meshed_area * length, rel=1e-4)
+    wall = geometry.perimeter / geometry.area_factor * length
+    assert integral(mesh, "wall") == pytest.approx(wall, rel=1e-4)
+    for end in ("inlet", "outlet"):
+        assert integral(mesh, end) == pytest.approx(geometry.meshed_area, rel=2e-5)
+    values = jacobians(mesh)
+    assert (values.min(axis=1) / values.max(axis=1)).min() > 0.2
+    outlet = nodes(mesh, "outlet")
+    assert outlet @ arc.normal == pytest.approx(arc.radius + RADIUS)
+    assert np.all(mesh.distance_at(nodes(mesh, "wall")) < 1e-3 * RADIUS)
+    with pytest.raises(ValueError, match="bend"):
+        mesh.wall_distance()
+
+
+@pytest.mark.parametrize(
+    ("build", "named"),
+    [
+        (lambda: Bend(0.0, 1.0, 0.0), "bend_radius"),
+        (lambda: Bend(1.0, 3.2, 0.0), "bend_angle_deg"),
+        (lambda: Bend(1.0, 1.0, -1.0), "bend_start"),
+        (lambda: Bend(1.0, 1.0, 0.0, "left"), "bend_towards"),
+        (lambda: extruded(PIPE, 1.0, 4, bend=Bend(RADIUS, 1.0, 0.0)), "bend_radius"),
+        (lambda: extruded(PIPE, 1.0, 4, bend=Bend(1.0, 1.1, 0.0)), "geometry.length"),
+        (lambda: extruded(PIPE, 1.0, 4, bend=Bend(0.1, 1.0, 0.0, "side")), "symmetry"),
+        (
+            lambda: extruded(PipeGeometry(0.01, "quarter"), 1.0, 4, bend=Bend(0.1, 1.0, 0.0)),
+            "symmetry",
+        ),
+    ],
+)
+def test_a_bend_that_cannot_be_is_refused(build: Any, named: str) -> None:
+    with pytest.raises(InputError, match=named):
+        build()
+
+
+def line_case(**geometry: Any) -> Case:
+    return Case.from_dict(
+        {
+            "solution": "unsteady",
+            "geometry": {"shape": "bend", "diameter": 0.01, "length": 0.1, **geometry},
+            "gas": {"density": 1.2, "viscosity": 1.8e-5},
+            "operation": {"gas_superficial_velocity": 1.0},
+            "numerics": {"end_time": 1.0, "level": 1},
+        }
+    )
+
+
+@pytest.mark.parametrize("towards", ["up", "down", "side", None])
+def test_the_vertical_plane_of_a_line(towards: str | None) -> None:
+    bends = {"shape": "pipe"} if towards is None else {"bend_towards": towards}
+    mesh = line(line_case(**bends))
+    points, drawn = mesh.plane(6, 40)
+    flat = points.reshape(-1, 3)
+    straight = mesh.straightened(flat).reshape(points.shape)
+    np.testing.assert_allclose(straight[..., 0], 1e-8, rtol=1e-6)
+    assert np.all(mesh.distance_at(flat) > RADIUS / 7)
+    assert straight[3, :, 1] == pytest.approx(RADIUS / 6)
+    assert straight[0, [0, -1], 2] == pytest.approx([0.1 / 80, 0.1 - 0.1 / 80])
+    where = straight if towards == "side" else points
+    np.testing.assert_allclose(drawn, where[..., [2, 1]], atol=1e-15)
+    # all of them lie in the mesh: a function of place has its value there
+    space = fem.functionspace(mesh.mesh, ("Lagrange", 1))
+    height = fem.Function(space)
+    height.interpolate(lambda x: x[1])
+    found = point_values(height, flat, tolerance=1e-4 * RADIUS)
+    np.testing.assert_allclose(found, flat[:, 1], atol=1e-9)
+
+
+@pytest.mark.parametrize("towards", ["up", "side"])
+def test_the_line_of_a_case(towards: str) -> None:
+    case = line_case(bend_towards=towards)
+    mesh = line(case)
+    assert mesh.mesh.topology.cell_type.name == "hexahedron"
+    assert mesh.num_cells == line_cells(case)
+    assert ("symmetry" in mesh.tags) == (towards == "up")
+    assert mesh.bend.end == pytest.approx(sum(case.geometry.legs[:2]))
+    s = mesh.straightened(nodes(mesh, "outlet"))[:, 2]
+    assert s == pytest.approx(0.1)
+    tangent = mesh.axis(nodes(mesh, "outlet"))
+    np.testing.assert_allclose(tangent, np.tile(mesh.bend.normal, (len(tangent), 1)), atol=1e-12)
+    # edges are straight, so a little of the section is cut off
+    whole = mesh.geometry.meshed_area * 0.1
+    assert 0.96 * whole < integral(mesh) < whole
+
+
+def test_axial_cells_of_a_case() -> None:
+    case = line_case(shape="pipe")
+    other = case.with_values({"numerics.axial_cells": 7})
+    assert line_cells(other) == 7 * line_cells(case) / round(0.1 / (2 * 0.01 / 8))
+    straight = line(other)
+    assert straight.bend is None and straight.num_cells == line_cells(other)
+
+
+def test_the_line_of_a_case_is_written(tmp_path: Path) -> None:
+    meshio = pytest.importorskip("meshio")
+    write_case_mesh(line_case(), tmp_path / "bend.vtu")
+    found = meshio.read(tmp_path / "bend.vtu")
+    assert len(found.cells_dict["hexahedron"]) == line_cells(line_case())
+    assert found.points[:, 1].max() > 0.03
+
+
+# -- wall distance -----------------------------------------------------------------------------
 
 
 def test_wall_distance_of_a_pipe() -> None:

@@ -8,6 +8,7 @@ import signal
 from collections.abc import Iterator
 
 import pytest
+from mpi4py import MPI
 
 from fem_tfm import signals
 
@@ -39,3 +40,21 @@ def test_handlers_come_back() -> None:
         for number in signals.SIGNALS:
             signal.signal(number, signal.SIG_IGN)
     assert [signal.getsignal(number) for number in signals.SIGNALS] == before
+
+
+@pytest.mark.mpi
+def test_a_signal_becomes_a_request_on_all_ranks() -> None:
+    comm = MPI.COMM_WORLD
+    with signals.deferred() as request:
+        assert not request.on_any(comm)
+        if comm.rank == comm.size - 1:
+            signal.raise_signal(signal.SIGTERM)
+        assert request.on_any(comm)
+
+
+def test_a_second_signal_interrupts_at_once() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt), signals.deferred():
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGTERM)
+    assert signal.getsignal(signal.SIGINT) is before

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from fem_tfm.case import DEVELOPING, FLOWS, Case
+from fem_tfm.case import FLOWS, SOLUTIONS, Case
 
 if TYPE_CHECKING:
     from fem_tfm.output.result import Result
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def _module(case: Case) -> ModuleType:
-    own = DEVELOPING if case.solution == "developing" else {}
+    own = SOLUTIONS.get(case.solution, {})
     return import_module(own.get(case.flow) or FLOWS[case.flow])
 
 
@@ -30,7 +30,11 @@ def run(
     SolverError
         no answer was reached; the last good state and the reason are in `out`.
     """
-    return _module(case).run(case, out, resume=resume, overwrite=overwrite, progress=progress)
+    # late, so that this module loads without PETSc
+    from fem_tfm.flows.driver import drive
+
+    scene = _module(case).SCENE
+    return drive(scene, case, out, resume=resume, overwrite=overwrite, progress=progress)
 
 
 def describe(case: Case) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import ufl
 from mpi4py import MPI
@@ -13,12 +13,7 @@ from mpi4py import MPI
 from fem_tfm.case import Case
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import developed
-from fem_tfm.flows.recorder import (
-    attempt,
-    check_resumable,
-    prepare,
-    with_references,
-)
+from fem_tfm.flows.driver import Answer, Scene
 from fem_tfm.flows.section import Section, Setup
 from fem_tfm.flows.section_recorder import SectionRecorder
 from fem_tfm.mesh import geometry_of, resolution_of, section
@@ -27,10 +22,7 @@ from fem_tfm.output.fields import FieldWriter, snapshot
 from fem_tfm.output.files import on_root
 from fem_tfm.output.pictures import SectionView, section_picture, vertical_profile
 from fem_tfm.output.profiles import write_profiles
-from fem_tfm.output.result import Result, versions
-
-if TYPE_CHECKING:
-    from fem_tfm.progress import Progress
+from fem_tfm.output.result import Result
 
 # coarsest mesh of the nested iteration, core cell over the hydraulic diameter
 COARSEST = 0.25
@@ -224,7 +216,7 @@ def checked_balances(section: Section) -> dict[str, float]:
 
 def skipped(case: Case) -> list[str]:
     """What the scene did not need, and why."""
-    laws, developing = case.closures, case.solution == "developing"
+    developing = case.solution == "developing"
     left_out = ["axial direction: a developed section has d/dz = 0"]
     if developing:
         left_out = ["upstream influence: stresses are not differentiated along the axis"]
@@ -234,6 +226,12 @@ def skipped(case: Case) -> list[str]:
     left_out.append(f"history: {way} leads straight to the steady state")
     if case.operation.outlet_pressure is not None:
         left_out.append("compressibility: the gas has one density along the line")
+    return left_out + skipped_laws(case)
+
+
+def skipped_laws(case: Case) -> list[str]:
+    """Laws that the case does without."""
+    laws, left_out = case.closures, []
     if case.solids is None:
         left_out.append("solids, granular temperature, drag: no table [solids]")
     else:
@@ -318,97 +316,34 @@ class DenseRecorder(SectionRecorder):
         return {"drive": section.drive, "source": section.source}
 
 
-def run(
-    case: Case, out: Path | None, *, resume: bool, overwrite: bool, progress: Progress
-) -> Result:
-    """Solve the developed section of a case.
+def solve(case: Case, recorder: DenseRecorder) -> Answer:
+    """The developed section of a case.
 
     Raises
     ------
-    InputError
-        `resume` finds no checkpoint, or one of another case.
     SolverError
-        no steady state was reached; the last good state and the reason are in `out`.
+        no steady state was reached, or a balance is broken.
     """
-    comm = MPI.COMM_WORLD
-    if resume:
-        check_resumable(case, out)
-    if out is not None:
-        on_root(comm, lambda: prepare(case, out, overwrite, FILES))
-    recorder = DenseRecorder(case, out, progress, resume)
-    restart = recorder.restart() if resume else None
-    for sentence in advice(case):
-        progress.warn(sentence)
-
-    def solve() -> Result:
-        solution = developed.solve(
-            meshes(case),
-            setup_of(case),
-            case.numerics.tolerance,
-            case.numerics.max_steps,
-            recorder,
-            restart,
-        )
-        recorder.lap("solve")
-        return _finish(case, solution, recorder)
-
-    return attempt(solve, partial(_keep, case, recorder), recorder)
-
-
-def _keep(case: Case, recorder: DenseRecorder, status: str, reason: str) -> None:
-    """Write what an unfinished run has: its last accepted state and why it stopped."""
-    result = result_of(case, status, recorder, reason)
-    recorder.log(f"{status}: {reason}")
-    if recorder.section is not None:
-        recorder.save()
-        _write_fields(case, recorder.section, result, recorder)
-    recorder.write(result)
-
-
-def _finish(case: Case, solution: developed.Solution, recorder: DenseRecorder) -> Result:
-    """Quantities with their errors, balances and files of a converged run."""
-    section = solution.section
-    kept = checked_balances(section)
+    limits = case.numerics.tolerance, case.numerics.max_steps
+    restart = recorder.restart() if recorder.resume else None
+    solution = developed.solve(meshes(case), setup_of(case), *limits, recorder, restart)
+    kept = checked_balances(solution.section)
     found, errors = estimated(solution, case.geometry.length)
-    result = result_of(case, "converged", recorder)
-    result.quantities = with_references(case, found, errors)
-    result.balances = kept
-    if section.mesh_terms > 1:
-        result.skipped.append(raised_terms(section))
-    _write_fields(case, section, result, recorder)
-    recorder.save_final()
-    recorder.lap("output")
-    recorder.write(result)
-    recorder.log(f"converged: pressure gradient {result['pressure_gradient']:.6g} Pa/m")
-    return result
+    section = solution.section
+    notes = [raised_terms(section)] if section.mesh_terms > 1 else []
+    return Answer("converged", found, kept, "pressure_gradient", errors, notes=notes)
 
 
-def result_of(case: Case, status: str, recorder: Any, reason: str = "") -> Result:
-    """A result without numbers yet; `recorder` tells the section and the times."""
-    section, comm = recorder.section, recorder.comm
-    return Result(
-        status=status,
-        flow=case.flow,
-        solution="developing" if case.solution == "developing" else "developed",
-        title=case.title,
-        cells=section.mesh.num_cells if section else 0,
-        dofs=section.dofs if section else 0,
-        ranks=comm.size,
-        seconds=recorder.seconds,
-        skipped=skipped(case),
-        inferred=list(case.inferred),
-        versions=versions(),
-        reason=reason,
-        directory=recorder.out,
-    )
-
-
-def _write_fields(case: Case, section: Section, result: Result, recorder: DenseRecorder) -> None:
+def _write(case: Case, recorder: DenseRecorder, result: Result) -> None:
     """XDMF, profiles along the vertical diameter and pictures."""
+    section = recorder.section
     if recorder.out is not None and case.output.xdmf:
         with FieldWriter(recorder.out / "fields", section.mesh.mesh) as writer:
             writer.write(0.0, chosen_fields(case, section))
     write_section(case, section, result, recorder.out)
+
+
+SCENE = Scene(DenseRecorder, FILES, advice, skipped, solve, _write)
 
 
 def chosen_fields(case: Case, section: Section) -> dict[str, Any]:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
@@ -22,8 +21,9 @@ from mpi4py import MPI
 from fem_tfm.case import Case
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import dense
+from fem_tfm.flows.driver import Answer, Scene
 from fem_tfm.flows.inlet import Inlet, enter
-from fem_tfm.flows.recorder import Recorder, attempt, check_resumable, prepare, with_references
+from fem_tfm.flows.recorder import Recorder
 from fem_tfm.flows.station import Station
 from fem_tfm.interpolation import point_values
 from fem_tfm.output import checkpoint
@@ -430,7 +430,6 @@ class LineRecorder(Recorder, Observer):
     def __init__(self, case: Case, out: Path | None, progress: Progress, resume: bool) -> None:
         super().__init__(case, out, progress, resume, self.columns)
         self.line: Line | None = None
-        self._resume = resume
         self._writer: FieldWriter | None = None
 
     @property
@@ -452,9 +451,9 @@ class LineRecorder(Recorder, Observer):
         self.progress.stage(text)
         self.log(f"{text}; from z = {line.place.z:.4g} m")
         if self.out is not None and self.case.output.xdmf:
-            self._writer = FieldWriter(self.out / "fields", mesh.mesh, append=self._resume)
-        self._due = self._next_due(line.place.z) if self._resume else 0.0
-        if not self._resume:
+            self._writer = FieldWriter(self.out / "fields", mesh.mesh, append=self.resume)
+        self._due = self._next_due(line.place.z) if self.resume else 0.0
+        if not self.resume:
             self._keep(line)
 
     def station(self, line: Line, stop: Stop) -> None:
@@ -474,6 +473,10 @@ class LineRecorder(Recorder, Observer):
     def retry(self, step: float, reason: str) -> None:
         """A line of the log for a step taken back."""
         self.log(f"taken back: {reason}; step {step:.3g} m")
+
+    def step_back(self) -> None:
+        """Go back to the last accepted station, which is kept already."""
+        self.line.step_back()
 
     def _fraction(self, z: float) -> float:
         """Share of the stations behind, which crowd within some diameters of the inlet."""
@@ -525,60 +528,22 @@ def travel(line: Line, observer: Observer, resume: Path | None = None) -> Line:
     return line
 
 
-def run(
-    case: Case, out: Path | None, *, resume: bool, overwrite: bool, progress: Progress
-) -> Result:
-    """Solve the developing flow of a case.
+def answer(case: Case, recorder: LineRecorder) -> Answer:
+    """The line of a case.
 
     Raises
     ------
-    InputError
-        `resume` finds no checkpoint, or one of another case.
     SolverError
-        the outlet was not reached; the last station and the reason are in `out`.
+        the outlet was not reached.
     """
-    if resume:
-        check_resumable(case, out)
-    if out is not None:
-        on_root(MPI.COMM_WORLD, lambda: prepare(case, out, overwrite, FILES))
-    recorder = LineRecorder(case, out, progress, resume)
-    for sentence in dense.advice(case):
-        progress.warn(sentence)
-
-    def finished() -> Result:
-        line = solve(case, recorder, out if resume else None)
-        recorder.lap("solve")
-        return _finish(case, line, recorder)
-
-    return attempt(finished, partial(_keep, case, recorder), recorder)
+    line = solve(case, recorder, recorder.out if recorder.resume else None)
+    found, kept = line.quantities(), line.balances()
+    return Answer("finished", found, kept, "pressure_drop")
 
 
-def _keep(case: Case, recorder: LineRecorder, status: str, reason: str) -> None:
-    """Write what an unfinished run has: the stations up to the last one and why it stopped."""
-    result = dense.result_of(case, status, recorder, reason)
-    recorder.log(f"{status}: {reason}")
-    if recorder.line is not None:
-        recorder.line.step_back()
-        _write_line(case, recorder.line, result, recorder)
-    recorder.write(result)
-
-
-def _finish(case: Case, line: Line, recorder: LineRecorder) -> Result:
-    """Quantities, balances and files of a line that reached its outlet."""
-    result = dense.result_of(case, "finished", recorder)
-    found = line.quantities()
-    result.quantities = with_references(case, found, dict.fromkeys(found))
-    result.balances = line.balances()
-    _write_line(case, line, result, recorder)
-    recorder.lap("output")
-    recorder.write(result)
-    recorder.log(f"finished: pressure drop {result['pressure_drop']:.6g} Pa")
-    return result
-
-
-def _write_line(case: Case, line: Line, result: Result, recorder: LineRecorder) -> None:
+def _write(case: Case, recorder: LineRecorder, result: Result) -> None:
     """The table along the axis with its picture, and the last section with its own."""
-    out = recorder.out
+    line, out = recorder.line, recorder.out
     result.sections["axis"] = columns = {k: np.array(v) for k, v in line.columns().items()}
     dense.write_section(case, line.station, result, out)
 
@@ -590,6 +555,9 @@ def _write_line(case: Case, line: Line, result: Result, recorder: LineRecorder) 
 
     if out is not None:
         on_root(recorder.comm, write)
+
+
+SCENE = Scene(LineRecorder, FILES, dense.advice, dense.skipped, answer, _write)
 
 
 def describe(case: Case) -> dict[str, Any]:

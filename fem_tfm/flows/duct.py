@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -18,9 +18,9 @@ from fem_tfm.case import Case
 from fem_tfm.correlations import gnielinski, jones_friction, smooth_friction
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import developed, duct_start
+from fem_tfm.flows.driver import Answer, Scene
 from fem_tfm.flows.duct_heat import DuctHeat
 from fem_tfm.flows.duct_section import DuctSection, DuctSetup
-from fem_tfm.flows.recorder import attempt, check_resumable, prepare, with_references
 from fem_tfm.flows.section_recorder import SectionRecorder
 from fem_tfm.interpolation import point_values
 from fem_tfm.mesh import DuctGeometry, geometry_of, resolution_of, section
@@ -30,11 +30,8 @@ from fem_tfm.output.fields import FieldWriter, snapshot
 from fem_tfm.output.files import on_root
 from fem_tfm.output.pictures import SectionView
 from fem_tfm.output.profiles import write_profiles
-from fem_tfm.output.result import Reference, Result, versions
+from fem_tfm.output.result import Reference, Result
 from fem_tfm.solvers.pseudo_time import StepControl
-
-if TYPE_CHECKING:
-    from fem_tfm.progress import Progress
 
 # coarsest mesh of the nested iteration, core cell over the hydraulic diameter
 COARSEST = 0.31
@@ -358,6 +355,7 @@ class DuctRecorder(SectionRecorder):
     """What a run of a duct's gas tells and keeps."""
 
     columns, warned = COLUMNS, WARNED
+    heat: DuctHeat | None = None
 
     def signs(self, section: DuctSection) -> dict[str, float]:
         """The early warning: gradient [Pa/m], secondary flow and realisability."""
@@ -370,45 +368,6 @@ class DuctRecorder(SectionRecorder):
     def multipliers(self, section: DuctSection) -> dict[str, Any]:
         """Constants that belong to the state."""
         return {"drive": section.drive}
-
-
-def run(
-    case: Case, out: Path | None, *, resume: bool, overwrite: bool, progress: Progress
-) -> Result:
-    """Solve the developed section of a case.
-
-    Raises
-    ------
-    InputError
-        `resume` finds no checkpoint, or one of another case.
-    SolverError
-        no steady state was reached; the last good state and the reason are in `out`.
-    """
-    if resume:
-        check_resumable(case, out)
-    if out is not None:
-        on_root(MPI.COMM_WORLD, lambda: prepare(case, out, overwrite, FILES))
-    recorder = DuctRecorder(case, out, progress, resume)
-    restart = recorder.restart() if resume else None
-    for sentence in advice(case):
-        progress.warn(sentence)
-
-    def finished() -> Result:
-        solution = solve(case, recorder, restart)
-        recorder.lap("solve")
-        return _finish(case, solution, recorder)
-
-    return attempt(finished, partial(_keep, case, recorder), recorder)
-
-
-def _keep(case: Case, recorder: DuctRecorder, status: str, reason: str) -> None:
-    """Write what an unfinished run has: its last accepted state and why it stopped."""
-    result = result_of(case, status, recorder, reason)
-    recorder.log(f"{status}: {reason}")
-    if recorder.section is not None:
-        recorder.save()
-        write_section(case, recorder.section, result, recorder.out)
-    recorder.write(result)
 
 
 def heat_of(case: Case, found: DuctSection) -> DuctHeat:
@@ -458,41 +417,27 @@ def points(found: DuctSection) -> dict[str, NDArray[np.float64]]:
     return lines
 
 
-def _finish(case: Case, solution: developed.Solution, recorder: DuctRecorder) -> Result:
-    """Quantities with their errors, balances and files of a converged run."""
+def answer(case: Case, recorder: DuctRecorder) -> Answer:
+    """The developed section of a case, and its temperature.
+
+    Raises
+    ------
+    SolverError
+        no steady state was reached, a stress is not realisable or a balance is broken.
+    """
+    solution = solve(case, recorder, recorder.restart() if recorder.resume else None)
     kept = checked_balances(solution.section)
-    values, errors, heat = estimated(case, solution)
-    if heat is not None:
-        kept["heat"] = heat.balance()
-    result = result_of(case, "converged", recorder)
-    result.quantities = with_references(case, values, errors, references(case))
-    result.balances = kept
-    write_section(case, solution.section, result, recorder.out, heat)
-    recorder.save_final()
-    recorder.lap("output")
-    recorder.write(result)
-    recorder.log(f"converged: friction factor {result['friction_factor']:.6g}")
-    return result
+    found, errors, recorder.heat = estimated(case, solution)
+    if recorder.heat is not None:
+        kept["heat"] = recorder.heat.balance()
+    return Answer("converged", found, kept, "friction_factor", errors, references(case))
 
 
-def result_of(case: Case, status: str, recorder: Any, reason: str = "") -> Result:
-    """A result without numbers yet; `recorder` tells the section and the times."""
-    found, comm = recorder.section, recorder.comm
-    return Result(
-        status=status,
-        flow=case.flow,
-        solution="developing" if case.solution == "developing" else "developed",
-        title=case.title,
-        cells=found.mesh.num_cells if found else 0,
-        dofs=found.dofs if found else 0,
-        ranks=comm.size,
-        seconds=recorder.seconds,
-        skipped=skipped(case),
-        inferred=list(case.inferred),
-        versions=versions(),
-        reason=reason,
-        directory=recorder.out,
-    )
+def _write(case: Case, recorder: DuctRecorder, result: Result) -> None:
+    write_section(case, recorder.section, result, recorder.out, recorder.heat)
+
+
+SCENE = Scene(DuctRecorder, FILES, advice, skipped, answer, _write)
 
 
 def write_section(

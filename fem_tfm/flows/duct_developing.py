@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from dolfinx import fem
@@ -19,18 +18,15 @@ from mpi4py import MPI
 
 from fem_tfm.case import Case
 from fem_tfm.flows import developing, duct, duct_start
+from fem_tfm.flows.driver import Answer, Scene
 from fem_tfm.flows.duct_heat import DuctHeat
 from fem_tfm.flows.duct_section import DuctStation
-from fem_tfm.flows.recorder import attempt, check_resumable, prepare, with_references
 from fem_tfm.interpolation import point_values
 from fem_tfm.output.duct_pictures import axis_picture
 from fem_tfm.output.files import on_root
 from fem_tfm.output.profiles import write_profiles
 from fem_tfm.output.result import Result
 from fem_tfm.solvers.marching import MarchControl, Place, Stop
-
-if TYPE_CHECKING:
-    from fem_tfm.progress import Progress
 
 # in hydraulic diameters
 FIRST_STEP, SMALLEST_STEP, LARGEST_STEP = 0.01, 1e-6, 2.0
@@ -290,61 +286,22 @@ def solve(
     return developing.travel(line, observer, resume)
 
 
-def run(
-    case: Case, out: Path | None, *, resume: bool, overwrite: bool, progress: Progress
-) -> Result:
-    """Solve the developing flow of a case.
+def answer(case: Case, recorder: DuctLineRecorder) -> Answer:
+    """The line of a case.
 
     Raises
     ------
-    InputError
-        `resume` finds no checkpoint, or one of another case.
     SolverError
-        the outlet was not reached; the last station and the reason are in `out`.
+        the outlet was not reached.
     """
-    if resume:
-        check_resumable(case, out)
-    if out is not None:
-        on_root(MPI.COMM_WORLD, lambda: prepare(case, out, overwrite, FILES))
-    recorder = DuctLineRecorder(case, out, progress, resume)
-    for sentence in duct.advice(case):
-        progress.warn(sentence)
-
-    def finished() -> Result:
-        line = solve(case, recorder, out if resume else None)
-        recorder.lap("solve")
-        return _finish(case, line, recorder)
-
-    return attempt(finished, partial(_keep, case, recorder), recorder)
+    line = solve(case, recorder, recorder.out if recorder.resume else None)
+    found, kept = line.quantities(), line.balances()
+    return Answer("finished", found, kept, "pressure_drop", references=duct.references(case))
 
 
-def _keep(case: Case, recorder: DuctLineRecorder, status: str, reason: str) -> None:
-    """Write what an unfinished run has: the stations up to the last one and why it stopped."""
-    result = duct.result_of(case, status, recorder, reason)
-    recorder.log(f"{status}: {reason}")
-    if recorder.line is not None:
-        recorder.line.step_back()
-        _write_line(case, recorder.line, result, recorder)
-    recorder.write(result)
-
-
-def _finish(case: Case, line: DuctLine, recorder: DuctLineRecorder) -> Result:
-    """Quantities, balances and files of a line that reached its outlet."""
-    result = duct.result_of(case, "finished", recorder)
-    found = line.quantities()
-    errors = dict.fromkeys(found)
-    result.quantities = with_references(case, found, errors, duct.references(case))
-    result.balances = line.balances()
-    _write_line(case, line, result, recorder)
-    recorder.lap("output")
-    recorder.write(result)
-    recorder.log(f"finished: pressure drop {result['pressure_drop']:.6g} Pa")
-    return result
-
-
-def _write_line(case: Case, line: DuctLine, result: Result, recorder: DuctLineRecorder) -> None:
+def _write(case: Case, recorder: DuctLineRecorder, result: Result) -> None:
     """The table along the axis with its picture, and the last section with its own."""
-    out = recorder.out
+    line, out = recorder.line, recorder.out
     result.sections["axis"] = columns = {k: np.array(v) for k, v in line.columns().items()}
     heat = line.heat if len(line.rows) > 1 else None
     duct.write_section(case, line.station, result, out, heat)
@@ -357,6 +314,9 @@ def _write_line(case: Case, line: DuctLine, result: Result, recorder: DuctLineRe
 
     if out is not None:
         on_root(recorder.comm, write)
+
+
+SCENE = Scene(DuctLineRecorder, FILES, duct.advice, duct.skipped, answer, _write)
 
 
 def describe(case: Case) -> dict[str, Any]:

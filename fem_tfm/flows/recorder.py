@@ -5,14 +5,14 @@ from __future__ import annotations
 
 import time
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from mpi4py import MPI
 
 from fem_tfm.case import QUANTITIES, Case
-from fem_tfm.errors import InputError, SolverError
+from fem_tfm.errors import InputError
 from fem_tfm.output import checkpoint
 from fem_tfm.output.files import on_root, write_text
 from fem_tfm.output.profiles import Monitor
@@ -29,7 +29,14 @@ if TYPE_CHECKING:
     from fem_tfm.progress import Progress
 
 # keys that a resumed run may change
-FREE_TO_CHANGE = ("title", "inferred", "reference", "output", "numerics.max_steps")
+FREE_TO_CHANGE = (
+    "title",
+    "inferred",
+    "reference",
+    "output",
+    "numerics.max_steps",
+    "numerics.end_time",
+)
 
 
 class Recorder:
@@ -42,7 +49,12 @@ class Recorder:
     progress : where to tell
     resume : go on with an older monitor.csv
     columns : of monitor.csv, with their units
+
+    `section` is what is solved, with its `mesh` and number `dofs` of unknowns; None before there is
+    a state.
     """
+
+    section: Any = None
 
     def __init__(
         self,
@@ -55,6 +67,7 @@ class Recorder:
         self.case = case
         self.out = out
         self.progress = progress
+        self.resume = resume
         self.comm = MPI.COMM_WORLD
         self.seconds = {"setup": 0.0, "compile": 0.0, "solve": 0.0, "output": 0.0}
         self.monitor: Monitor | None = None
@@ -77,6 +90,12 @@ class Recorder:
         self.seconds[stage] += now - self._lap
         self._lap = now
 
+    def step_back(self) -> None:
+        """Go back to the last accepted state, where a step was cut short, and keep it."""
+
+    def save_final(self) -> None:
+        """Keep the state of an answer, where it is not kept already."""
+
     def close(self) -> None:
         """Close the monitor and the log."""
         for file in (self.monitor, self._file):
@@ -91,35 +110,11 @@ class Recorder:
             on_root(self.comm, lambda: result.write(self.out))
 
 
-def attempt(
-    solve: Callable[[], Result], keep: Callable[[str, str], None], recorder: Recorder
-) -> Result:
-    """Result of `solve`; where it is cut short, `keep(status, reason)` saves what there is.
-
-    Raises
-    ------
-    SolverError
-        no answer was reached; it says where the last state is.
-    """
-    out = recorder.out
-    try:
-        return solve()
-    except SolverError as stop:
-        keep("failed", str(stop))
-        hint = f"; its last state is in {out} (fields.xdmf, --resume)" if out is not None else ""
-        raise SolverError(f"{stop}{hint}") from stop
-    except KeyboardInterrupt:
-        keep("interrupted", "interrupted by the user")
-        raise
-    finally:
-        recorder.close()
-
-
 def prepare(case: Case, out: Path, overwrite: bool, files: Sequence[str]) -> None:
     """Make the directory with the complete case; a replaced run leaves none of its `files`."""
     out.mkdir(parents=True, exist_ok=True)
     if overwrite:
-        for name in (checkpoint.FILE, *files):
+        for name in (checkpoint.FILE, checkpoint.BEFORE, *files):
             (out / name).unlink(missing_ok=True)
     write_text(out / "case.toml", case.dump())
 

@@ -37,7 +37,6 @@ class SectionRecorder(Recorder, developed.Observer, ABC):
 
     def __init__(self, case: Case, out: Path | None, progress: Progress, resume: bool) -> None:
         super().__init__(case, out, progress, resume, self.columns)
-        self.section: Any = None
         self.level = self.steps = 0
         self._begun: tuple[Any, int, int] | None = None
 
@@ -82,11 +81,9 @@ class SectionRecorder(Recorder, developed.Observer, ABC):
         share = min(max((math.log(dt) - first) / (last - first), 0.0), 1.0)
         return (self.level + 0.9 * share) / levels
 
-    def save(self) -> None:
-        """Keep the last accepted state, also when a step was cut short."""
+    def step_back(self) -> None:
+        """Go back to the last accepted state and keep it."""
         section = self.section
-        if self.out is None or section is None:
-            return
         section.now.x.array[:] = section.old.x.array
         self.save_final()
 

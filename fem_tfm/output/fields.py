@@ -214,6 +214,7 @@ class FieldWriter:
     path_stem : path of the two files without suffix
     mesh : DOLFINx mesh of degree 1 or 2; degree 2 is written as quadratic cells
     append : go on with the series of an earlier part of the run on the same mesh, if there is one
+    until : with `append`, the time [s] behind which the earlier part is dropped
 
     Notes
     -----
@@ -234,9 +235,12 @@ class FieldWriter:
         not grow, a mesh of degree above 2, or a write after `close`.
     """
 
-    def __init__(self, path_stem: str | Path, mesh: Any, append: bool = False) -> None:
+    def __init__(
+        self, path_stem: str | Path, mesh: Any, append: bool = False, until: float = np.inf
+    ) -> None:
         self.mesh = mesh
         self.append = append
+        self.until = until
         self.path = Path(f"{path_stem}.xdmf")
         self._heavy = HeavyData(path_stem)
         self._nodes: Nodes | None = None
@@ -295,10 +299,12 @@ class FieldWriter:
         """Take over the steps of the series that is there."""
         found = self.path.read_text(encoding="utf-8").split('<Grid Name="step"')[1:]
         ends = (text.partition("</Grid>\n")[0] for text in found)
-        self._steps = steps = [f'<Grid Name="step"{text}</Grid>\n' for text in ends]
+        steps = [f'<Grid Name="step"{text}</Grid>\n' for text in ends]
         start, end = steps[0].index("<Topology"), steps[0].index("</Geometry>\n")
         self._mesh_xml = steps[0][start:end] + "</Geometry>\n"
-        self._time = float(steps[-1].partition('<Time Value="')[2].partition('"')[0])
+        times = [float(text.partition('<Time Value="')[2].partition('"')[0]) for text in steps]
+        kept = sum(time <= self.until for time in times)
+        self._steps, self._time = steps[:kept], max(times[:kept], default=-np.inf)
         self._heavy.resume()
 
     def _add(self, time: float, nodal: dict, cellwise: dict) -> None:

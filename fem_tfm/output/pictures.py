@@ -242,6 +242,59 @@ def axis_picture(
     _save(figure, path, title)
 
 
+# a plane longer than this over its height is drawn stretched, one below the other
+LONGEST_PLANE = 8.0
+
+
+def plane_picture(
+    path: str | Path,
+    points: NDArray[np.float64],
+    moments: Mapping[float, NDArray[np.float64]],
+    title: str = "",
+    name: str = "alpha_s",
+) -> None:
+    """Draw a quantity in a plane at several times, with one scale of colours.
+
+    path : of the PNG, replaced in one step
+    points : coordinates along and up of a grid in the plane, shape (rows, columns, 2), two
+        rows and columns at least [m]
+    moments : values of each time [s], shape (rows, columns); nan is left blank
+    name : of the quantity, one of `LOOKS`
+    """
+    length, height = np.ptp(points.reshape(-1, 2), axis=0)
+    stretched = length > LONGEST_PLANE * height
+    across = min(1 + int(height > 0.3 * length) + int(height > 0.6 * length), len(moments))
+    down = -(-len(moments) // across)
+    tall = 1.0 if stretched else 9.0 / across * height / length
+    figure = Figure(figsize=(9.6, 0.9 + down * (0.55 + tall)), layout="constrained")
+    grid = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True).ravel()
+    low, high = _limits(name, {name: np.concatenate([v.ravel() for v in moments.values()])})
+    look, corners = LOOKS[name], 1e3 * np.moveaxis(_corners(points), -1, 0)
+    for axes, (time, values) in zip(grid, moments.items(), strict=False):
+        image = axes.pcolormesh(
+            *corners, values, shading="flat", cmap=look.map, vmin=low, vmax=high, rasterized=True
+        )
+        axes.set_title(f"{time:.4g} s", fontsize=9, loc="left", pad=2)
+        axes.set_aspect("auto" if stretched else "equal")
+        axes.tick_params(**STYLE)
+        axes.spines[["top", "right"]].set_visible(False)
+    for axes in grid[len(moments) :]:
+        axes.set_axis_off()
+    figure.supxlabel("z [mm]", fontsize=9)
+    figure.supylabel("y [mm]", fontsize=9)
+    bar = figure.colorbar(image, ax=list(grid), location="top", shrink=0.5, aspect=40, pad=0.02)
+    bar.set_label(look.label, fontsize=10)
+    bar.ax.tick_params(**STYLE)
+    bar.outline.set_visible(False)
+    _save(figure, path, title)
+
+
+def _corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Corners of the cells around the points of a grid, one row and column more."""
+    wide = np.pad(points, ((1, 1), (1, 1), (0, 0)), mode="reflect", reflect_type="odd")
+    return (wide[:-1, :-1] + wide[1:, :-1] + wide[:-1, 1:] + wide[1:, 1:]) / 4
+
+
 def sweep_picture(
     path: str | Path,
     table: Mapping[str, Sequence[Any]],

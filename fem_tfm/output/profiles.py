@@ -9,7 +9,10 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from fem_tfm.output.files import replaced
+from fem_tfm.output.files import replaced, write_text
+
+# numbers are written with 12 digits
+ROUNDING = 1e-11
 
 
 def header(names: Iterable[str], units: Mapping[str, str]) -> list[str]:
@@ -37,6 +40,26 @@ def write_profiles(
         writer.writerow(header(columns, units))
         for row in zip(*columns.values(), strict=True):
             writer.writerow(map(cell, row))
+
+
+def drop_after(path: str | Path, column: str, limit: float) -> None:
+    """Take out the rows of a CSV file, if there is one, whose `column` lies above `limit`."""
+    path = Path(path)
+    if not path.exists():
+        return
+    lines = [line for line in path.read_text(encoding="utf-8").splitlines(keepends=True)]
+    rows = list(csv.reader(lines))
+    names = [name.partition(" [")[0] for name in rows[0]] if rows else []
+    if column not in names:
+        return
+    place, limit = names.index(column), limit + ROUNDING * abs(limit)
+    # a row that a kill cut short has no line end
+    kept = [
+        line
+        for line, row in zip(lines[1:], rows[1:], strict=True)
+        if line.endswith("\n") and float(row[place]) <= limit
+    ]
+    write_text(path, "".join([lines[0], *kept]))
 
 
 class Monitor:

@@ -29,9 +29,9 @@ from fem_tfm.output.summary import difference, number
 FILE = "report.html"
 CASE, MONITOR, LOG = "case.toml", "monitor.csv", "run.log"
 # pictures in this order, then any other
-PICTURES = ("section.png", "axis.png")
+PICTURES = ("section.png", "axis.png", "plane.png")
 # columns of the monitor that only count, and the range from which an axis is logarithmic
-COUNTERS = ("step", "station", "level", "z", "iterations")
+COUNTERS = ("step", "station", "level", "z", "time", "iterations")
 DECADES = 2
 LOG_LINES = 20
 
@@ -210,12 +210,12 @@ def _log(path: Path) -> list[str]:
 
 
 def _course(path: Path) -> list[str]:
-    """Curves of monitor.csv over its rows, or over z where it has one."""
+    """Curves of monitor.csv over its rows, or over z or the time where it has one."""
     columns = read_monitor(path)
     if not columns or not len(next(iter(columns.values()))):
         return []
     heads = {head.partition(" [")[0]: head for head in columns}
-    abscissa = heads.get("z")
+    abscissa = heads.get("z") or heads.get("time")
     x = columns[abscissa] if abscissa else np.arange(1, len(next(iter(columns.values()))) + 1)
     drawn = [name for name in heads if name not in COUNTERS]
     drawn = [name for name in drawn if np.isfinite(columns[heads[name]]).any()]

@@ -15,6 +15,7 @@ from fem_tfm.output import pictures
 from fem_tfm.output.pictures import (
     SectionView,
     axis_picture,
+    plane_picture,
     section_picture,
     sweep_picture,
     vertical_profile,
@@ -193,3 +194,31 @@ def test_axis_picture(tmp_path: Path, names: list[str]) -> None:
     columns = {"z": [0.0, 0.1, 0.4], **{name: [math.nan, 2.0, 1.0] for name in names}}
     axis_picture(tmp_path / "a.png", columns, {"pressure": "Pa", "holdup": "-"}, 0.01, "a line")
     drawn(tmp_path / "a.png")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("length", [0.02, 0.5])
+@pytest.mark.parametrize("bent", [False, True])
+def test_plane_picture(tmp_path: Path, length: float, bent: bool) -> None:
+    """What is dense on the left is bright there, in a long plane and in one that turns."""
+    y, s = np.meshgrid(np.linspace(-0.005, 0.005, 8), np.linspace(0, length, 50), indexing="ij")
+    points = np.stack([s, y], axis=-1)
+    if bent:
+        phi = s / length * math.pi / 2
+        points = (length - y)[..., None] * np.stack([np.sin(phi), -np.cos(phi)], axis=-1)
+    dense = np.where(s < length / 2, 0.6, 0.0) + 0.01 * y / 0.005 * (s > length / 2)
+    both = {}
+    for name, values in (("left", dense), ("right", dense[:, ::-1])):
+        path = tmp_path / f"{name}.png"
+        plane_picture(path, points, {0.0: values, 0.25: values, 0.5: values}, "a plane")
+        both[name] = imread(path)[..., 0]
+    left, right = both["left"], both["right"]
+    assert left.shape == right.shape
+    change, middle = left - right, left.shape[1] // 2
+    assert change[:, :middle].sum() > 0 > change[:, middle:].sum()
+
+
+def test_plane_picture_leaves_out_what_is_nowhere(tmp_path: Path) -> None:
+    points = np.stack(np.meshgrid([0.0, 0.1, 0.2], [0.0, 0.1], indexing="xy"), axis=-1)
+    plane_picture(tmp_path / "p.png", points, {0.0: np.array([[0.1, math.nan, 0.3], [0.2] * 3])})
+    assert (tmp_path / "p.png").stat().st_size > 1000

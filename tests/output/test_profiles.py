@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem_tfm.output.profiles import Monitor, write_profiles
+from fem_tfm.output.profiles import Monitor, drop_after, write_profiles
 
 COLUMNS = {"step": "", "time": "s", "max_alpha_s": "-"}
 
@@ -65,3 +65,13 @@ def test_monitor_goes_on_after_a_kill(tmp_path: Path) -> None:
     with Monitor(path, {"step": ""}) as monitor:
         monitor.write({"step": 9})
     assert rows(path) == [["step"], ["9"]]
+
+
+def test_rows_behind_a_time_are_dropped(tmp_path: Path) -> None:
+    path = tmp_path / "monitor.csv"
+    path.write_text("step,time [s]\n1,0.5\n2,1\n3,1.5\n4,1", encoding="utf-8")
+    drop_after(path, "time", 1.0 - 4e-12)
+    assert path.read_text(encoding="utf-8") == "step,time [s]\n1,0.5\n2,1\n"
+    drop_after(path, "place", 0.0)
+    assert path.read_text(encoding="utf-8") == "step,time [s]\n1,0.5\n2,1\n"
+    drop_after(tmp_path / "absent.csv", "time", 1.0)

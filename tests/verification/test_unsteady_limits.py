@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The unsteady flow against closed forms: channels, beds, settling, cooling and shear."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from boxes import AIR, GRAINS, HEX, box, flow
+from mpi4py import MPI
+from scipy.optimize import brentq
+
+from fem_tfm.closures import make
+from fem_tfm.models.unsteady import Feed, Flow3D
+
+G = 9.81
+UPRIGHT = {"geometry.inclination_deg": 90.0, "operation.gravity": G}
+# gas so thin that grains do not feel it
+VACUUM = {"gas.density": 1e-10, "gas.viscosity": 1e-18, "closures.drag": "wen-yu"}
+
+
+def owned(found: Flow3D, values: np.ndarray) -> np.ndarray:
+    """What the cells of all ranks hold, along the first axis."""
+    return np.concatenate(MPI.COMM_WORLD.allgather(values[: found.cells.owned]))
+
+
+def line(found: Flow3D, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Heights and values of a column of one cell's width, upwards."""
+    z, values = owned(found, found.cells.centre)[:, 2], owned(found, values)
+    order = np.argsort(z)
+    return z[order], values[order]
+
+
+def drag_of(found: Flow3D, alpha: float, slip: float) -> float:
+    """beta [kg/m3/s] of the case's law."""
+    return found.laws.drag.beta(alpha, slip, found.gas, found.solids)
+
+
+def test_gas_between_plates_has_the_profile_of_poiseuille() -> None:
+    viscosity, speed, height = 0.01, 0.1, 0.01
+    mesh = box((0.01, height, 0.05), (1, 40, 10), "sswwio")
+    found = flow(
+        mesh,
+        {
+            "gas": {"density": 1.0, "viscosity": viscosity},
+            "operation.gas_superficial_velocity": speed,
+            "walls.gas": "no-slip",
+        },
+        alone=True,
+    )
+    found.move(np.zeros(3), np.array([0.0, 0.0, speed]))
+    for _ in range(60):
+        found.advance(1e-3, Feed(speed))
+    centre, p = owned(found, found.cells.centre), owned(found, found.now.p)
+    layers = [np.isclose(centre[:, 2], (i + 0.5) * mesh.length / 10) for i in (4, 5)]
+    gradient = (p[layers[0]].mean() - p[layers[1]].mean()) / (mesh.length / 10)
+    assert gradient == pytest.approx(12 * viscosity * speed / height**2, rel=0.01)
+    u, y = owned(found, found.now.u_g)[layers[0], 2], centre[layers[0], 1] / height
+    assert u == pytest.approx(1.5 * speed * (1 - 4 * y**2), abs=0.01 * speed)
+
+
+@pytest.mark.parametrize("speed", [0.1, 1.0])
+def test_gas_through_a_fixed_bed_loses_what_ergun_says(speed: float) -> None:
+    # grains too heavy to be moved within the run
+    found = flow(box((0.02, 0.02, 0.1), (1, 1, 10)), {"solids.density": 25000.0})
+    found.start(0.6)
+    for _ in range(3):
+        found.advance(1e-6, Feed(speed, blocked=True))
+    z, p = line(found, found.now.p)
+    beta = drag_of(found, 0.6, speed / 0.4)
+    assert -np.polyfit(z, p, 1)[0] == pytest.approx(beta * speed / 0.4**2, rel=1e-3)
+
+
+def test_a_bed_is_lifted_from_the_minimum_fluidisation_velocity_on() -> None:
+    found = flow(box((0.02, 0.02, 0.1), (1, 1, 10)), UPRIGHT)
+    weight = 0.6 * (GRAINS["density"] - AIR["density"]) * G
+    minimum = brentq(lambda u: drag_of(found, 0.6, u / 0.4) * u / 0.4**2 - weight, 1e-3, 10)
+
+    def lift(speed: float) -> float:
+        """Acceleration of the middle of a bed that is let go."""
+        found.start(0.6)
+        u = []
+        for _ in range(6):
+            found.advance(1e-5, Feed(speed))
+            u.append(line(found, found.now.u_s[:, 2])[1][5])
+        # the first step sets the gas in motion
+        return u[-1] - u[1]
+
+    assert brentq(lift, 0.5 * minimum, 2 * minimum, rtol=1e-4) == pytest.approx(minimum, rel=0.02)
+
+
+@pytest.mark.parametrize("alpha", [1e-8, 1e-3, 0.1, 0.3])
+@pytest.mark.parametrize("step", [0.2, 10.0])
+def test_grains_settle_at_their_terminal_velocity(alpha: float, step: float) -> None:
+    speed = 1.0
+    changes = {**UPRIGHT, "solids.diameter": 1e-4, "closures.drag": "wen-yu"}
+    found = flow(box((1.0, 1.0, 20.0), (1, 1, 10)), changes)
+    found.start(alpha)
+    # gas and grains share the flux that enters from the start
+    found.move(np.array([0, 0, speed]), np.array([0, 0, speed]))
+    weight = alpha * (1 - alpha) * (GRAINS["density"] - AIR["density"]) * G
+    slip = brentq(lambda u: drag_of(found, alpha, u) * u - weight, 1e-6, 10)
+    settling = speed - (1 - alpha) * slip
+    feed = Feed((speed - alpha * settling), alpha, settling)
+    dt = step * alpha * GRAINS["density"] / drag_of(found, alpha, slip)
+    for _ in range(40):
+        found.advance(dt, feed)
+    u_s, u_g = line(found, found.now.u_s[:, 2])[1][5], line(found, found.now.u_g[:, 2])[1][5]
+    assert u_g - u_s == pytest.approx(slip, rel=0.01)
+
+
+def test_a_settled_column_rests_on_its_own_pressure() -> None:
+    changes = {**UPRIGHT, "closures.friction": "berzi", "operation.gas_superficial_velocity": 0.1}
+    found = flow(box((0.01, 0.01, 0.1), (1, 1, 20), "sssswo"), changes)
+    z = found.cells.centre[:, 2]
+    found.start(np.where(z < 0.05, 0.55, 0.0))
+    feed = Feed(0.0)
+    for _ in range(1500):
+        found.advance(1e-3, feed)
+    z, alpha = line(found, found.now.alpha)
+    assert np.abs(found.now.u_s[found.now.alpha > 1e-3]).max() < 1e-6
+    p_s = line(found, found._solids_pressure(found.now.alpha, found.now.theta, 0 * z, 0 * z))[1]
+    above = np.cumsum(alpha[::-1])[::-1] - alpha / 2
+    weight = (GRAINS["density"] - AIR["density"]) * G * 0.005 * above
+    assert p_s[:5] == pytest.approx(weight[:5], rel=0.01)
+
+
+@pytest.mark.parametrize(("e", "alpha"), [(0.8, 0.3), (0.9, 0.1)])
+def test_a_granular_gas_cools_as_haff_says(e: float, alpha: float) -> None:
+    changes = {**VACUUM, "solids.restitution": e, "closures.radial": "carnahan-starling"}
+    found = flow(box((0.01, 0.01, 0.01), (2, 2, 2), "ssssss"), changes)
+    theta = 0.01
+    found.start(alpha, theta)
+    g0 = (1 - alpha / 2) / (1 - alpha) ** 3
+    rate = 8 * (1 - e**2) * g0 * alpha / (GRAINS["diameter"] * math.sqrt(math.pi))
+    time = 2 / (rate * math.sqrt(theta))
+    for _ in range(200):
+        found.advance(0.01 * time, Feed(0.0))
+    assert found.now.theta == pytest.approx(theta / (1 + 2.0) ** 2, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("e", "alpha", "wanted"), [(0.8, 0.3, 0.6598), (0.9, 0.5, 0.9261), (0.95, 0.1, 13.56)]
+)
+def test_sheared_grains_reach_the_temperature_of_the_closed_form(
+    e: float, alpha: float, wanted: float
+) -> None:
+    shear = 40.0
+    changes = {**VACUUM, "solids.restitution": e, "closures.radial": "carnahan-starling"}
+    found = flow(box((0.01, 0.01, 0.01), (3, 3, 3), "ssssss"), changes)
+    scale = (GRAINS["diameter"] * shear) ** 2
+    found.start(alpha, scale)
+    u_s = np.zeros_like(found.now.u_s)
+    u_s[:, 2] = shear * found.cells.centre[:, 1]
+    still = np.zeros(found.cells.faces)
+    for _ in range(300):
+        moving = replace(found.now, u_s=u_s, u_g=u_s)
+        theta = found._agitation(moving, moving.alpha, still, 5e-3, Feed(0.0), {})
+        found.now = replace(found.now, theta=theta)
+    assert found.now.theta == pytest.approx(wanted * scale, rel=0.01)
+
+
+def test_gas_without_grains_flows_as_gas_alone() -> None:
+    mesh = box((0.02, 0.02, 0.1), (3, 4, 8), "wwwwio")
+    changes = {"walls.gas": "no-slip", "closures.turbulence": "mixing-length"}
+    both, alone = flow(mesh, changes), flow(mesh, changes, alone=True)
+    for _ in range(20):
+        for found in (both, alone):
+            found.advance(2e-3, Feed(1.0))
+    assert both.now.u_g == pytest.approx(alone.now.u_g, abs=1e-5)
+    assert both.now.p == pytest.approx(alone.now.p, abs=1e-5 * np.abs(alone.now.p).max())
+
+
+@pytest.mark.parametrize("law", ["free-slip", "coulomb", "no-slip", "schneiderbauer"])
+def test_walls_take_what_their_law_says_from_the_momentum(law: str) -> None:
+    # grains without gas slow down at the rate of the traction on the four walls
+    size, dt, alpha, speed = 0.01, 1e-4, 0.3, 1.0
+    mesh = box((size, size, size), (1, 1, 4), "wwwwss", HEX)
+    found = flow(mesh, {**VACUUM, "walls.solids": law})
+    found.start(alpha, 0.01)
+    u = np.array([0.0, 0.0, speed])
+    found.now = replace(found.now, u_s=np.broadcast_to(u, found.now.u_s.shape).copy())
+    grains = found._grains(found.now, np.zeros(found.cells.count), np.zeros(found.cells.count))
+    traction = found._solids_traction(found.now, grains, grains.kinetic.shear_viscosity)
+    state, along = found._wall_state(found.now, grains)
+    wall = make("solids-wall", law)
+    assert along == pytest.approx(np.broadcast_to(u, along.shape))
+    if wall.strong:
+        area = size * size / 4
+        assert traction == pytest.approx(
+            grains.kinetic.shear_viscosity[0] * area / (size / 2), rel=1e-9
+        )
+    else:
+        area = found.cells.size[found._wall]
+        assert traction == pytest.approx(area * (0 * area + wall.friction(state, found.solids)))
+    assert dt > 0
