@@ -406,7 +406,13 @@ class Krylov:
         prefix = f"fem_tfm_cells_{id(self)}_"
         self.ksp.setOptionsPrefix(prefix)
         options = {
-            "transport": {"ksp_type": "bcgs", "pc_type": "bjacobi", "sub_pc_type": "ilu"},
+            "transport": {
+                "ksp_type": "bcgs",
+                "pc_type": "bjacobi",
+                "sub_pc_type": "ilu",
+                # pivots have units: a small one is a small cell
+                "sub_pc_factor_zeropivot": 1e-100,
+            },
             "pressure": {
                 "ksp_type": "cg",
                 "pc_type": "gamg",
