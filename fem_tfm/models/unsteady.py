@@ -37,7 +37,9 @@ PARTS = ("inlet", "outlet", "wall", "symmetry")
 # a phase that is not there moves as one of this fraction; a void has this granular temperature
 SMALLEST_FRACTION, SMALLEST_THETA = 1e-9, 1e-12
 # viscosity and conduction of grains, which laws keep finite in a void, fade below this fraction
-FADING_FRACTION = 1e-6
+FADING_FRACTION = 1e-4
+# grains below this fraction are not faster than the gas
+LONELY_FRACTION = 1e-6
 # largest viscosity of the solids over rho_s U D
 MOST_VISCOUS = 100.0
 # speeds that regularise drag and walls, and shear, over U and U/D
@@ -314,7 +316,9 @@ class Flow3D:
         # the flux is that at the end of the step, which damps them
         sound = np.zeros(cells.count)
         ties[inner] = push
-        sound[: cells.owned] = cells.add(ties) / rate * (stiff * alpha * (1 + w) ** 2)[: cells.owned]
+        sound[: cells.owned] = (
+            cells.add(ties) / rate * (stiff * alpha * (1 + w) ** 2)[: cells.owned]
+        )
         sound = np.max(cells.exchange(sound / limit)[np.stack([first, second])], axis=0)
         flux = old.carried - old.pushed
         flux[inner] += sound / (1 + sound) * dt * old.gained[inner]
@@ -358,8 +362,9 @@ class Flow3D:
             )
             self._newton.renew()
             change = self._newton.solve(-residual, np.zeros(cells.owned))
-            # w stays positive, and p_s is nearly linear in it
-            w = cells.whole(np.maximum(w[: cells.owned] + change, 0.1 * w[: cells.owned]))
+            # w stays positive and finite, and p_s is nearly linear in it
+            own = w[: cells.owned]
+            w = cells.whole(np.clip(own + change, 0.1 * own, 10 * (1 + own)))
             alpha = limit * w / (1 + w)
             p_s = pressure(alpha)
             if cells.largest(np.abs(change) * slope[: cells.owned]) < ALPHA_CHANGE:
@@ -471,7 +476,7 @@ class Flow3D:
             found = algebraic_theta(
                 alpha, grains.g0, shear, 0.0, self.laws.granular, solids, self.width, beta
             )
-            alone = alpha < FADING_FRACTION
+            alone = alpha < LONELY_FRACTION
             return np.clip(found, SMALLEST_THETA, np.where(alone, self.speed**2, np.inf))
         own, k = slice(0, cells.owned), grains.kinetic
         mass = 1.5 * solids.density * np.maximum(old.alpha[own], SMALLEST_FRACTION)
@@ -504,7 +509,7 @@ class Flow3D:
         found = self._transport.solve(rhs, old.theta[own])
         effort["theta"] = self._transport.iterations
         # grains that are all but alone do not fly faster than the gas
-        alone = alpha[own] < FADING_FRACTION
+        alone = alpha[own] < LONELY_FRACTION
         found[alone] = np.minimum(found[alone], self.speed**2)
         return cells.whole(np.maximum(found, SMALLEST_THETA))
 

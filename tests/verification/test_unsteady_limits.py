@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import AIR, GRAINS, HEX, box, flow
+from boxes import AIR, GRAINS, box, flow
 from mpi4py import MPI
 from scipy.optimize import brentq
 
@@ -117,7 +117,7 @@ def test_a_settled_column_rests_on_its_own_pressure() -> None:
     found.start(np.where(found.cells.centre[:, 2] < 0.05, 0.55, 0.0))
     for _ in range(1000):
         found.advance(3e-4, Feed(0.0))
-    z, alpha = line(found, found.now.alpha)
+    alpha = line(found, found.now.alpha)[1]
     zero = np.zeros(found.cells.count)
     p_s = found._solids_pressure(found.now.alpha, found.now.theta, zero, zero)
     p_s, u = line(found, p_s)[1], line(found, found.now.u_s[:, 2])[1]
@@ -181,7 +181,9 @@ def test_walls_slow_grains_as_their_law_says(law: str) -> None:
     found.start(alpha, 0.01)
     u = np.array([0.0, 0.0, speed])
     found.now = replace(found.now, u_s=np.broadcast_to(u, found.now.u_s.shape).copy())
-    state, along = found._wall_state(found.now, found._grains(found.now, *found._rates(found.now)[1:]))
+    state, along = found._wall_state(
+        found.now, found._grains(found.now, *found._rates(found.now)[1:])
+    )
     assert along == pytest.approx(np.broadcast_to(u, along.shape))
     friction = np.ravel(make("solids-wall", law).friction(state, found.solids))[0]
     rate = 4 * friction / (GRAINS["density"] * alpha * size)
