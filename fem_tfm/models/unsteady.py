@@ -340,6 +340,7 @@ class Flow3D:
             return found
 
         for iteration in range(1, ALPHA_ITERATIONS + 1):
+            effort["solids fraction"] = iteration
             through = fluxes(alpha, p_s)
             residual = rate * (alpha[: cells.owned] - old.alpha[: cells.owned]) + cells.sum(through)
             worst = cells.largest(np.abs(residual) / rate)
@@ -373,7 +374,6 @@ class Flow3D:
             stiff = stiffness(w, p_s)
         else:
             raise SolverError("Newton's method of the solids fraction does not converge")
-        effort["solids fraction"] = iteration
         alpha = old.alpha[: cells.owned] - cells.sum(through) / rate
         # round-off may leave an emptied cell below zero
         lowest = -cells.largest(-alpha)

@@ -96,3 +96,16 @@ def test_a_failed_step_changes_nothing() -> None:
         found.advance(1e-4, Feed(6.43, 0.245, float("nan")))
     assert found.now is now and found.time == time
     run(found, 1e-4, 1, FEED)
+
+
+def test_a_restored_state_goes_on_bit_for_bit() -> None:
+    found = conveying()
+    run(found, 1e-4, 5, FEED)
+    state = found.state()
+    run(found, 1e-4, 5, FEED)
+    other = conveying()
+    other.restore(state)
+    run(other, 1e-4, 5, FEED)
+    assert other.time == found.time
+    for name, values in found.state().items():
+        assert np.array_equal(values, other.state()[name]), name
