@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from fem_tfm import bench
-from fem_tfm.bench import error, stress
+from fem_tfm.bench import error, stress, unsteady
 from fem_tfm.case import Case
 from fem_tfm.closures import make, names
 from fem_tfm.errors import InputError, SolverError
@@ -123,3 +123,9 @@ def test_the_quick_stress_ends_with_a_summary(capsys: pytest.CaptureFixture[str]
     assert "of 6 cases converged" in text
     told = capsys.readouterr().out
     assert sum(line.lstrip()[:1].isdigit() and "/6 " in line for line in told.splitlines()) == 6
+
+
+def test_the_cost_of_the_unsteady_flow_is_measured() -> None:
+    cost = unsteady.measure(1, 4, steps=2)
+    assert cost.cells > 0 and cost.microseconds > 0
+    assert cost.iterations["pressure"] > 0

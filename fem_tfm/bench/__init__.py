@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from fem_tfm.bench import duct, error, stress
+from fem_tfm.bench import duct, error, stress, unsteady
 from fem_tfm.errors import InputError, nearest
 
 BENCHMARKS: dict[str, Callable[[], str]] = {
@@ -18,6 +18,7 @@ BENCHMARKS: dict[str, Callable[[], str]] = {
     "stress": stress.run,
     "stress-quick": stress.run_quick,
     "stress-turbulence": stress.run_turbulent,
+    "unsteady": unsteady.run,
 }
 # what `fem-tfm bench` runs without a name
 ALL = ("error", "duct", "stress")

@@ -36,6 +36,10 @@ from fem_tfm.solvers.cells import Array, CellMatrix, Cells, Krylov
 PARTS = ("inlet", "outlet", "wall", "symmetry")
 # a phase that is not there moves as one of this fraction; a void has this granular temperature
 SMALLEST_FRACTION, SMALLEST_THETA = 1e-9, 1e-12
+# viscosity and conduction of grains, which laws keep finite in a void, fade below this fraction
+FADING_FRACTION = 1e-4
+# grains below this fraction are not faster than the gas
+LONELY_FRACTION = 1e-6
 # largest viscosity of the solids over rho_s U D
 MOST_VISCOUS = 100.0
 # speeds that regularise drag and walls, and shear, over U and U/D
@@ -269,8 +273,8 @@ class Flow3D:
         through = np.zeros(cells.faces)
         alpha, theta, p_s = old.alpha, old.theta, None
         if self.solids is not None:
-            alpha, through, p_s = self._fraction(old, dt, feed, effort)
-            theta = self._agitation(old, alpha, through, dt, feed, effort)
+            alpha, through, p_s, dilation = self._fraction(old, dt, feed, effort)
+            theta = self._agitation(old, alpha, through, dilation, dt, feed, effort)
         at = replace(old, alpha=alpha, theta=theta)
         found = self._flow(at, old, through, p_s, dt, feed, effort)
         masses = self._balance(found, through, dt)
@@ -280,11 +284,12 @@ class Flow3D:
 
     def _fraction(
         self, old: Moment, dt: float, feed: Feed, effort: dict[str, int]
-    ) -> tuple[Array, Array, Array]:
-        """Solids fraction after the step, volume flux of the solids [m3/s], their pressure [Pa].
+    ) -> tuple[Array, Array, Array, Array]:
+        """Solids fraction after the step, their volume flux [m3/s], pressure [Pa], dilation [1/s].
 
         The pressure is the one that has moved the solids: their momentum must feel the same, or
-        the fluctuations that a step brings would throw a packed bed apart.
+        the fluctuations that a step brings would throw a packed bed apart. The dilation is that of
+        the velocities behind the flux.
         """
         cells, limit = self.cells, self.solids.packing_limit
         response = old.response if self.steps else self._response(old, self._drag(old), dt)[0]
@@ -335,6 +340,7 @@ class Flow3D:
             return found
 
         for iteration in range(1, ALPHA_ITERATIONS + 1):
+            effort["solids fraction"] = iteration
             through = fluxes(alpha, p_s)
             residual = rate * (alpha[: cells.owned] - old.alpha[: cells.owned]) + cells.sum(through)
             worst = cells.largest(np.abs(residual) / rate)
@@ -357,8 +363,9 @@ class Flow3D:
             )
             self._newton.renew()
             change = self._newton.solve(-residual, np.zeros(cells.owned))
-            # w stays positive, and p_s is nearly linear in it
-            w = cells.whole(np.maximum(w[: cells.owned] + change, 0.1 * w[: cells.owned]))
+            # w stays positive and finite, and p_s is nearly linear in it
+            own = w[: cells.owned]
+            w = cells.whole(np.clip(own + change, 0.1 * own, 10 * (1 + own)))
             alpha = limit * w / (1 + w)
             p_s = pressure(alpha)
             if cells.largest(np.abs(change) * slope[: cells.owned]) < ALPHA_CHANGE:
@@ -367,13 +374,14 @@ class Flow3D:
             stiff = stiffness(w, p_s)
         else:
             raise SolverError("Newton's method of the solids fraction does not converge")
-        effort["solids fraction"] = iteration
         alpha = old.alpha[: cells.owned] - cells.sum(through) / rate
         # round-off may leave an emptied cell below zero
         lowest = -cells.largest(-alpha)
         if lowest < -1e-9 or cells.largest(alpha) >= limit:
             raise SolverError("the solids fraction leaves its bounds")
-        return cells.whole(alpha), through, p_s
+        moved = np.where(np.arange(cells.faces) < cells.inner, ahead - back, flux)
+        moved[self._inlet] = self._entering(feed.solids_velocity)
+        return cells.whole(alpha), through, p_s, cells.whole(cells.sum(moved) / self._volume)
 
     def _solids_pressure(self, alpha: Array, theta: Array, shear: Array, dilation: Array) -> Array:
         laws, solids = self.laws, self.solids
@@ -410,6 +418,11 @@ class Flow3D:
         alpha = np.maximum(at.alpha, 0.0)
         g0 = laws.radial.g0(alpha, solids)
         kinetic = laws.granular.coefficients(alpha, at.theta, g0, solids, self.width)
+        fade = alpha / (alpha + FADING_FRACTION)
+        kinetic = kinetic._replace(
+            shear_viscosity=fade * kinetic.shear_viscosity,
+            conductivity=fade * kinetic.conductivity,
+        )
         friction = laws.friction.stress(alpha, at.theta, shear, dilation, solids)
         cap = MOST_VISCOUS * solids.density * self.speed * self.width
         zero = np.zeros_like(alpha)
@@ -446,6 +459,7 @@ class Flow3D:
         old: Moment,
         alpha: Array,
         through: Array,
+        dilation: Array,
         dt: float,
         feed: Feed,
         effort: dict[str, int],
@@ -453,13 +467,17 @@ class Flow3D:
         """Granular temperature after the step [m2/s2]."""
         cells, solids = self.cells, self.solids
         at = replace(old, alpha=alpha)
-        _, shear, dilation = self._rates(old)
+        _, shear, earlier = self._rates(old)
+        # dense grains heat up thousandfold faster than they are compressed: what only one of two
+        # steps compresses would drive waves of their pressure
+        dilation = np.maximum(dilation, earlier)
         grains, beta = self._grains(at, shear, dilation), self._drag(at)
         if self.laws.theta == "algebraic":
             found = algebraic_theta(
                 alpha, grains.g0, shear, 0.0, self.laws.granular, solids, self.width, beta
             )
-            return np.maximum(found, SMALLEST_THETA)
+            alone = alpha < LONELY_FRACTION
+            return np.clip(found, SMALLEST_THETA, np.where(alone, self.speed**2, np.inf))
         own, k = slice(0, cells.owned), grains.kinetic
         mass = 1.5 * solids.density * np.maximum(old.alpha[own], SMALLEST_FRACTION)
         inertia = mass * self._volume / dt
@@ -490,6 +508,9 @@ class Flow3D:
         self._transport.renew()
         found = self._transport.solve(rhs, old.theta[own])
         effort["theta"] = self._transport.iterations
+        # grains that are all but alone do not fly faster than the gas
+        alone = alpha[own] < LONELY_FRACTION
+        found[alone] = np.minimum(found[alone], self.speed**2)
         return cells.whole(np.maximum(found, SMALLEST_THETA))
 
     def _wall_state(self, at: Moment, grains: Grains) -> tuple[WallState, Array]:

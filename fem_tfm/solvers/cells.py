@@ -403,10 +403,17 @@ class Krylov:
     def _create(self) -> None:
         self.ksp = PETSc.KSP().create(self.matrix.cells.comm)
         self.ksp.setOperators(self.matrix.matrix)
-        prefix = f"fem_tfm_cells_{id(self)}_"
+        # parts of a preconditioner read their options when it is first set up: they stay
+        prefix = f"fem_tfm_cells_{self._method}_"
         self.ksp.setOptionsPrefix(prefix)
         options = {
-            "transport": {"ksp_type": "bcgs", "pc_type": "bjacobi", "sub_pc_type": "ilu"},
+            "transport": {
+                "ksp_type": "bcgs",
+                "pc_type": "bjacobi",
+                "sub_pc_type": "ilu",
+                # pivots have units: a small one is a small cell
+                "sub_pc_factor_zeropivot": 1e-100,
+            },
             "pressure": {
                 "ksp_type": "cg",
                 "pc_type": "gamg",
@@ -422,8 +429,6 @@ class Krylov:
         self.ksp.setInitialGuessNonzero(True)
         self.ksp.setTolerances(rtol=self._tolerance, atol=1e-50, max_it=300)
         self.ksp.setFromOptions()
-        for key in options:
-            table.delValue(prefix + key)
 
     def renew(self, keep: bool = False) -> None:
         """The matrix has new values; `keep` the preconditioner of older ones."""

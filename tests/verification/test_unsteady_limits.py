@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import AIR, GRAINS, HEX, box, flow
+from boxes import AIR, GRAINS, box, flow
 from mpi4py import MPI
 from scipy.optimize import brentq
 
@@ -114,17 +114,17 @@ def test_grains_settle_at_their_terminal_velocity(alpha: float, step: float) -> 
 def test_a_settled_column_rests_on_its_own_pressure() -> None:
     changes = {**UPRIGHT, "closures.friction": "berzi", "operation.gas_superficial_velocity": 0.1}
     found = flow(box((0.01, 0.01, 0.1), (1, 1, 20), "sssswo"), changes)
-    z = found.cells.centre[:, 2]
-    found.start(np.where(z < 0.05, 0.55, 0.0))
-    feed = Feed(0.0)
-    for _ in range(1500):
-        found.advance(1e-3, feed)
-    z, alpha = line(found, found.now.alpha)
-    assert np.abs(found.now.u_s[found.now.alpha > 1e-3]).max() < 1e-6
-    p_s = line(found, found._solids_pressure(found.now.alpha, found.now.theta, 0 * z, 0 * z))[1]
+    found.start(np.where(found.cells.centre[:, 2] < 0.05, 0.55, 0.0))
+    for _ in range(1000):
+        found.advance(3e-4, Feed(0.0))
+    alpha = line(found, found.now.alpha)[1]
+    zero = np.zeros(found.cells.count)
+    p_s = found._solids_pressure(found.now.alpha, found.now.theta, zero, zero)
+    p_s, u = line(found, p_s)[1], line(found, found.now.u_s[:, 2])[1]
     above = np.cumsum(alpha[::-1])[::-1] - alpha / 2
     weight = (GRAINS["density"] - AIR["density"]) * G * 0.005 * above
-    assert p_s[:5] == pytest.approx(weight[:5], rel=0.01)
+    assert p_s[:6] == pytest.approx(weight[:6], rel=0.01)
+    assert np.abs(u[:5]).max() < 1e-4
 
 
 @pytest.mark.parametrize(("e", "alpha"), [(0.8, 0.3), (0.9, 0.1)])
@@ -154,10 +154,10 @@ def test_sheared_grains_reach_the_temperature_of_the_closed_form(
     found.start(alpha, scale)
     u_s = np.zeros_like(found.now.u_s)
     u_s[:, 2] = shear * found.cells.centre[:, 1]
-    still = np.zeros(found.cells.faces)
+    still, rest = np.zeros(found.cells.faces), np.zeros(found.cells.count)
     for _ in range(300):
         moving = replace(found.now, u_s=u_s, u_g=u_s)
-        theta = found._agitation(moving, moving.alpha, still, 5e-3, Feed(0.0), {})
+        theta = found._agitation(moving, moving.alpha, still, rest, 5e-3, Feed(0.0), {})
         found.now = replace(found.now, theta=theta)
     assert found.now.theta == pytest.approx(wanted * scale, rel=0.01)
 
@@ -173,26 +173,21 @@ def test_gas_without_grains_flows_as_gas_alone() -> None:
     assert both.now.p == pytest.approx(alone.now.p, abs=1e-5 * np.abs(alone.now.p).max())
 
 
-@pytest.mark.parametrize("law", ["free-slip", "coulomb", "no-slip", "schneiderbauer"])
-def test_walls_take_what_their_law_says_from_the_momentum(law: str) -> None:
-    # grains without gas slow down at the rate of the traction on the four walls
-    size, dt, alpha, speed = 0.01, 1e-4, 0.3, 1.0
-    mesh = box((size, size, size), (1, 1, 4), "wwwwss", HEX)
-    found = flow(mesh, {**VACUUM, "walls.solids": law})
+@pytest.mark.parametrize("law", ["free-slip", "coulomb", "johnson-jackson", "schneiderbauer"])
+def test_walls_slow_grains_as_their_law_says(law: str) -> None:
+    # a slice of grains without gas between four walls: the drop of its momentum is the traction
+    size, dt, alpha, speed = 0.01, 1e-5, 0.3, 1.0
+    found = flow(box((size, size, size), (1, 1, 2), "wwwwss"), {**VACUUM, "walls.solids": law})
     found.start(alpha, 0.01)
     u = np.array([0.0, 0.0, speed])
     found.now = replace(found.now, u_s=np.broadcast_to(u, found.now.u_s.shape).copy())
-    grains = found._grains(found.now, np.zeros(found.cells.count), np.zeros(found.cells.count))
-    traction = found._solids_traction(found.now, grains, grains.kinetic.shear_viscosity)
-    state, along = found._wall_state(found.now, grains)
-    wall = make("solids-wall", law)
+    state, along = found._wall_state(
+        found.now, found._grains(found.now, *found._rates(found.now)[1:])
+    )
     assert along == pytest.approx(np.broadcast_to(u, along.shape))
-    if wall.strong:
-        area = size * size / 4
-        assert traction == pytest.approx(
-            grains.kinetic.shear_viscosity[0] * area / (size / 2), rel=1e-9
-        )
-    else:
-        area = found.cells.size[found._wall]
-        assert traction == pytest.approx(area * (0 * area + wall.friction(state, found.solids)))
-    assert dt > 0
+    friction = np.ravel(make("solids-wall", law).friction(state, found.solids))[0]
+    rate = 4 * friction / (GRAINS["density"] * alpha * size)
+    phases = found._phases(found.now, found.now, np.zeros(found.cells.faces), found.now.p)
+    forces = [np.zeros_like(found.now.u_s)] * 2
+    guess = found._momenta(found.now, found.now, phases, forces, dt, Feed(0.0), {})
+    assert guess[0][:, 2] == pytest.approx(speed / (1 + rate * dt), rel=1e-6)

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Hard cases of the unsteady flow: mass and bounds are kept whatever the step."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from boxes import box, flow
+
+from fem_tfm.models.unsteady import Feed, Flow3D, StepFailed
+
+MESH = ((0.01, 0.01, 0.1), (4, 4, 20))
+CONVEYING: dict[str, Any] = {
+    "gas": {"density": 33.5, "viscosity": 1.8e-5},
+    "solids": {"density": 1700.0, "diameter": 1.6e-4, "restitution": 0.7},
+    "operation.gas_superficial_velocity": 6.43,
+    "operation.gravity": 9.81,
+    "closures.drag": "three-zone",
+    "closures.friction": "berzi",
+    "closures.turbulence": "mixing-length",
+    "walls.gas": "log-law",
+    "walls.solids": "schneiderbauer",
+}
+FEED = Feed(6.43, 0.245, 6.09)
+AXIS = np.array([0.0, 0.0, 1.0])
+
+
+def conveying(changes: dict[str, Any] | None = None, shear_deg: float = 0.0) -> Flow3D:
+    """Grains about to be fed into a duct of flowing gas."""
+    found = flow(box(*MESH, "wwwwio", shear_deg=shear_deg), {**CONVEYING, **(changes or {})})
+    found.start(1e-8)
+    found.move(6.09 * AXIS, 6.43 * AXIS)
+    return found
+
+
+def run(found: Flow3D, dt: float, steps: int, feed: Feed) -> float:
+    """Advance, holding every step to mass and bounds; the largest Courant number."""
+    courant = 0.0
+    for _ in range(steps):
+        report = found.advance(dt, feed)
+        alpha = found.now.alpha
+        assert alpha.min() > -1e-12
+        assert report.max_alpha_s < found.solids.packing_limit
+        assert found.now.theta.min() > 0
+        assert max(found.balances().values()) < 1e-12
+        courant = max(courant, report.courant)
+    return courant
+
+
+@pytest.mark.parametrize("dt", [1e-4, 4e-3])
+def test_a_front_enters_an_empty_duct(dt: float) -> None:
+    found = conveying()
+    courant = run(found, dt, 40, FEED)
+    assert dt < 1e-3 or courant > 5
+    assert found.now.alpha.max() > 0.2
+
+
+@pytest.mark.parametrize("friction", ["dartevelle", "srivastava-sundaresan", "johnson-jackson"])
+def test_every_friction_carries_a_bed_under_gas(friction: str) -> None:
+    found = conveying({"closures.friction": friction})
+    found.start(np.where(found.cells.centre[:, 1] < -0.0025, 0.6, 1e-8))
+    run(found, 5e-4, 20, Feed(6.43))
+
+
+def test_a_plug_is_hit_by_gas() -> None:
+    found = conveying()
+    z = found.cells.centre[:, 2]
+    found.start(np.where((z > 0.03) & (z < 0.05), 0.6, 1e-8))
+    found.move(1.0 * AXIS, 6.0 * AXIS)
+    run(found, 2e-4, 40, Feed(6.0))
+
+
+@pytest.mark.parametrize("dt", [2e-4, 1e-3])
+def test_a_blocked_outlet_packs_the_duct(dt: float) -> None:
+    found = conveying()
+    found.move(0.6 * AXIS, 0.6 * AXIS)
+    run(found, dt, round(0.1 / dt), Feed(0.6, 0.3, 0.6, blocked=True))
+    assert found.now.alpha.max() > 0.5
+
+
+def test_nearly_elastic_grains() -> None:
+    run(conveying({"solids.restitution": 0.99}), 2e-4, 40, FEED)
+
+
+def test_sheared_cells_carry_a_front() -> None:
+    run(conveying(shear_deg=30.0), 2e-4, 40, FEED)
+
+
+def test_a_failed_step_changes_nothing() -> None:
+    found = conveying()
+    run(found, 1e-4, 3, FEED)
+    now, time = found.now, found.time
+    with pytest.raises(StepFailed):
+        found.advance(1e-4, Feed(6.43, 0.245, float("nan")))
+    assert found.now is now and found.time == time
+    run(found, 1e-4, 1, FEED)
+
+
+def test_a_restored_state_goes_on_bit_for_bit() -> None:
+    found = conveying()
+    run(found, 1e-4, 5, FEED)
+    state = found.state()
+    run(found, 1e-4, 5, FEED)
+    other = conveying()
+    other.restore(state)
+    run(other, 1e-4, 5, FEED)
+    assert other.time == found.time
+    for name, values in found.state().items():
+        assert np.array_equal(values, other.state()[name]), name
