@@ -99,11 +99,22 @@ def test_no_step_below_the_smallest() -> None:
 def test_much_effort_makes_the_step_smaller() -> None:
     system, said = Decay(), []
     system.effort = 0.8
-    stepping = TimeStepping(CONTROL, [1.0], said.append)
+    stepping = TimeStepping(replace(CONTROL, first=0.1), [1.0], said.append)
     for _ in range(5):
         stepping.advance(system)
-    assert system.steps == pytest.approx([1e-3 * 0.8**k for k in range(5)])
+    assert system.steps == pytest.approx([0.1 * 0.8**k for k in range(5)])
     assert any("effort 0.80" in text for text in said)
+
+
+@pytest.mark.parametrize("first", [1e-5, 0.1])
+def test_effort_that_the_step_does_not_change_does_not_stall_the_run(first: float) -> None:
+    system, said = Decay(), []
+    system.effort, system.speed = 2.0, 50.0
+    run(system, TimeStepping(replace(CONTROL, first=first), [1.0], said.append))
+    # a quarter of what the Courant number allows, whether the step comes from above or below
+    assert min(system.steps[60:-2]) >= 0.25 / 50 * (1 - 1e-12)
+    assert system.steps[-3] == pytest.approx(0.25 / 50, rel=0.2)
+    assert len(said) < 40
 
 
 def test_changes_alone_are_told() -> None:

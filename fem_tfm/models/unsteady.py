@@ -169,12 +169,12 @@ class Flow3D:
 
     def _prepare(self) -> None:
         """Distances, weights, matrices and solvers, which all steps share."""
-        cells, geometry = self.cells, self.mesh.geometry
+        cells = self.cells
         self._volume = cells.volume[: cells.owned]
         self._wall = cells.parts.get("wall", slice(0, 0))
         self._inlet = cells.parts.get("inlet", slice(0, 0))
         self._outlet = cells.parts.get("outlet", slice(0, 0))
-        self.distance = geometry.wall_distance(cells.centre.T)
+        self.distance = self.mesh.distance_at(cells.centre)
         self._reconstruct = cells.reconstruction([n for n in ("inlet",) if n in cells.parts])
         self._normal = cells.area / cells.size[:, None]
         # rises along the normals, for the weight of a phase [m/s2]
@@ -202,7 +202,7 @@ class Flow3D:
         cells, geometry = self.cells, self.mesh.geometry
         shape = np.ones(self._inlet.stop - self._inlet.start)
         if self.case.inlet.profile == "power-law":
-            height = geometry.wall_distance(cells.middle[self._inlet].T)
+            height = self.mesh.distance_at(cells.middle[self._inlet])
             shape = np.maximum(height / (geometry.hydraulic_diameter / 2), 0.01) ** (1 / 7)
         size = cells.size[self._inlet]
         area, flux = cells.total(size), cells.total(size * shape)

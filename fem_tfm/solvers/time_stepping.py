@@ -45,6 +45,8 @@ class StepControl:
     growth : largest factor from one step to the next
     cut : factor after a failed step
     easy, hard : effort up to which the step may grow, and above which it shrinks by `ease`
+    share : least share of what the Courant number and `largest` allow to which effort shrinks the
+        step, for an effort that does not depend on the step is not worth more steps
     patience : steps after a failure before it grows again
     """
 
@@ -57,6 +59,7 @@ class StepControl:
     easy: float = 0.4
     hard: float = 0.7
     ease: float = 0.8
+    share: float = 0.25
     patience: int = 5
 
 
@@ -89,6 +92,7 @@ class TimeStepping:
         self._wanted = control.first
         self._wait = 0
         self._told = (0.0, "")
+        self._allowed = control.largest
 
     @property
     def done(self) -> bool:
@@ -137,6 +141,7 @@ class TimeStepping:
             "the largest step": control.largest,
             "the Courant number": control.courant / rate if rate > 0 else math.inf,
         }
+        self._allowed = min(bound for name, bound in bounds.items() if name != "growth")
         reason = min(bounds, key=lambda name: bounds[name])
         bound = bounds[reason]
         if not bound >= control.smallest:
@@ -175,11 +180,12 @@ class TimeStepping:
         if another or not size / TOLD <= bound <= size * TOLD:
             self._tell(bound, reason)
         self.time, self.step, self.count = to, dt, self.count + 1
-        if effort > control.hard:
-            self._wanted = control.ease * bound
+        least = control.share * self._allowed
+        if effort > control.hard and bound > least:
+            self._wanted = max(control.ease * bound, least)
             self._tell(self._wanted, f"effort {effort:.2f} of what the solver may take")
             return
-        held = self._wait > 0 or effort > control.easy
+        held = self._wait > 0 or (effort > control.easy and bound >= least)
         self._wait = max(self._wait - 1, 0)
         self._wanted = bound if held else control.growth * bound
 
