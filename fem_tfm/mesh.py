@@ -636,7 +636,7 @@ def _line_request(case: Any) -> _Request:
     if given.shape == "bend":
         angle = math.radians(given.bend_angle_deg)
         bend = Bend(given.axis_radius, angle, given.legs[0], given.bend_towards)
-    return _Request(geometry, resolution, given.length, axial_layers(case), bend)
+    return _Request(geometry, resolution, given.length, axial_layers(case), bend, fills=True)
 
 
 @dataclass(frozen=True)
@@ -648,6 +648,7 @@ class _Request:
     length: float | None = None
     layers: int = 1
     bend: Bend | None = None
+    fills: bool = False
 
     def __post_init__(self) -> None:
         if self.length is not None:
@@ -741,6 +742,8 @@ def _model(request: _Request) -> Iterator[ModuleType]:
             gmsh.model.mesh.generate(request.dim)
             if request.curves_diagonals:
                 _curve_diagonals(gmsh, request.dim)
+            if request.fills and isinstance(request.geometry, PipeGeometry):
+                _fill(gmsh, request.geometry)
             if request.bend is not None:
                 _follow(gmsh, request.bend)
             yield gmsh
@@ -769,6 +772,25 @@ def _curve_diagonals(gmsh: ModuleType, dim: int) -> None:
     ends = sum(points[first[edges[:, 0], (edges[:, 1] + i) % 3]] for i in (0, 1))
     corners = sum(points[t[:, :3]].sum(axis=1) for t in (first, second)) - ends
     _move(gmsh, tags, points, points[middle], sides / 2 - corners / 4, dim)
+
+
+def _fill(gmsh: ModuleType, pipe: PipeGeometry) -> None:
+    """Widen a straight line of straight cells until its section has the area of the circle.
+
+    A polygon on the circle lacks 2.5 % of it on a coarse mesh, and so would all flows.
+    """
+    tags, points, _ = gmsh.model.mesh.getNodes()
+    points = points.reshape(-1, 3)
+    radius = pipe.radius - pipe.wall_offset
+    wall = np.abs(np.hypot(points[:, 0], points[:, 1]) - radius) < 1e-6 * radius
+    wall &= np.abs(points[:, 2]) < 1e-9 * radius
+    turns = np.diff(np.sort(np.arctan2(points[wall, 1], points[wall, 0]) % (2 * math.pi)))
+    missing = QUADRANTS[pipe.symmetry] * math.pi / 2 - turns.sum()
+    # the gap that sorting leaves: the last side of a whole pipe, the open part of any other
+    sides = np.append(turns[turns < 1], missing if pipe.symmetry == "none" else [])
+    points[:, :2] *= math.sqrt(sides.sum() / np.sin(sides).sum())
+    for tag, place in zip(tags, points, strict=True):
+        gmsh.model.mesh.setNode(tag, place, [])
 
 
 def _follow(gmsh: ModuleType, bend: Bend) -> None:

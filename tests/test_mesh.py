@@ -680,3 +680,23 @@ def test_bad_input(make: Any, text: str) -> None:
     with pytest.raises(InputError) as caught:
         make()
     assert text in str(caught.value)
+
+
+@pytest.mark.parametrize("symmetry", ["none", "half"])
+@pytest.mark.parametrize("cells", ["quadrilateral", "triangle"])
+def test_a_line_of_straight_cells_has_the_area_of_its_pipe(symmetry: str, cells: str) -> None:
+    case = Case.from_dict(
+        {
+            "solution": "unsteady",
+            "geometry": {"diameter": 0.01, "length": 0.05, "symmetry": symmetry},
+            "gas": {"density": 1.2, "viscosity": 1.8e-5},
+            "operation": {"gas_superficial_velocity": 1.0},
+            "numerics": {"end_time": 1.0, "level": 1, "axial_cells": 4, "cells": cells},
+        }
+    )
+    mesh = line(case)
+    ds = ufl.Measure("ds", mesh.mesh, subdomain_data=mesh.facet_tags)
+    one = fem.Constant(mesh.mesh, 1.0)
+    inlet = fem.assemble_scalar(fem.form(one * ds(mesh.tags["inlet"])))
+    area = mesh.mesh.comm.allreduce(inlet)
+    assert area == pytest.approx(mesh.geometry.meshed_area, rel=1e-9)
