@@ -115,6 +115,20 @@ def test_a_line_filled_with_what_enters_carries_its_flux(dense: dict[str, Any]) 
     assert flow.now.u_s[:, 2] == pytest.approx(6.09)
 
 
+def test_what_fills_a_bend_follows_its_axis(dense: dict[str, Any]) -> None:
+    bend = {"shape": "bend", "diameter": 0.01, "length": 0.1, "bend_radius": 0.04}
+    changes = {f"geometry.{key}": value for key, value in bend.items()}
+    case = case_of(dense, {**changes, "initial.state": "inlet", "numerics.axial_cells": 20})
+    flow = Flow3D(case, line(case))
+    unsteady.start(case, flow)
+    assert np.linalg.norm(flow.now.u_s, axis=1) == pytest.approx(6.09)
+    last = np.argmax(flow.mesh.straightened(flow.cells.centre)[:, 2])
+    assert flow.now.u_s[last] == pytest.approx([0, 6.09, 0], abs=1e-9)
+    # nothing is far from free of divergence
+    rate = np.abs(flow.cells.sum(flow.now.carried)) / flow.cells.volume[: flow.cells.owned]
+    assert rate.max() < 0.3 * 6.09 / 0.005
+
+
 # -- runs --------------------------------------------------------------------------------------
 
 

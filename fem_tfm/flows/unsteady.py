@@ -121,7 +121,7 @@ def start(case: Case, flow: Flow3D) -> None:
     else:
         feed = feed_at(case, 0.0)
         flow.start(feed.solids_fraction)
-        axis = np.array([0.0, 0.0, 1.0])
+        axis = flow.mesh.axis(cells.centre)
         gas = feed.gas_velocity / (1 - feed.solids_fraction)
         flow.move(feed.solids_velocity * axis, gas * axis)
 

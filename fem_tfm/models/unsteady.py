@@ -229,17 +229,18 @@ class Flow3D:
         self._count_masses()
 
     def move(self, u_s: Array, u_g: Array) -> None:
-        """Give both phases uniform velocities [m/s], shape (3,); walls hold their normal part."""
+        """Give both phases velocities, (3,) or (cells, 3) [m/s]; walls hold their normal part."""
         cells = self.cells
-        fluxes = [cells.area @ np.asarray(u, dtype=float) for u in (u_s, u_g)]
+        u_s, u_g = (np.broadcast_to(u, (cells.count, 3)).astype(float) for u in (u_s, u_g))
+        fluxes = [np.einsum("ni,ni->n", cells.mean(u), cells.area) for u in (u_s, u_g)]
         for flux in fluxes:
             for part in ("wall", "symmetry"):
                 flux[cells.parts.get(part, slice(0, 0))] = 0.0
         alpha = cells.mean(self.now.alpha)
         self.now = replace(
             self.now,
-            u_s=np.broadcast_to(u_s, (cells.count, 3)).copy(),
-            u_g=np.broadcast_to(u_g, (cells.count, 3)).copy(),
+            u_s=u_s,
+            u_g=u_g,
             carried=fluxes[0],
             total=alpha * fluxes[0] + (1 - alpha) * fluxes[1],
         )
