@@ -605,13 +605,14 @@ def test_dolfinx_reads_the_xdmf_file(tmp_path: Path) -> None:
         assert integral(found, name) == pytest.approx(integral(built, name), rel=1e-12)
 
 
-def _case(**geometry: Any) -> SimpleNamespace:
-    given = {"shape": "pipe", "diameter": 0.01, "width": None, "height": None, "symmetry": "auto"}
-    numerics = {"level": 1, "mesh_size": None, "wall_grading": None, "cells": "triangle"}
-    return SimpleNamespace(
-        flow="dense",
-        geometry=SimpleNamespace(**given | geometry),
-        numerics=SimpleNamespace(**numerics),
+def _case(**geometry: Any) -> Case:
+    return Case.from_dict(
+        {
+            "geometry": geometry or {"diameter": 0.01},
+            "gas": {"density": 1.2, "viscosity": 1.8e-5},
+            "operation": {"gas_superficial_velocity": 1.0},
+            "numerics": {"level": 1},
+        }
     )
 
 
@@ -623,18 +624,20 @@ def test_mesh_of_a_case(tmp_path: Path) -> None:
     cells = sum(len(b.data) for b in meshio.read(tmp_path / "case.vtu").cells if b.dim == 2)
     built = section(meshes.geometry_of(case), **meshes.resolution_of(case))
     assert cells == built.num_cells == 80
-    case.numerics.wall_grading = 0.1
-    assert section(PIPE, **meshes.resolution_of(case)).num_cells > 80
+    graded = case.with_values({"numerics.wall_grading": 0.1})
+    assert section(PIPE, **meshes.resolution_of(graded)).num_cells > 80
 
 
 def test_geometry_of_a_case() -> None:
-    assert meshes.geometry_of(_case(symmetry="none")) == PipeGeometry(0.01, "none")
+    whole = _case(diameter=0.01, symmetry="none")
+    assert meshes.geometry_of(whole) == PipeGeometry(0.01, "none")
     duct = _case(shape="duct", width=0.03)
     assert meshes.geometry_of(duct) == DuctGeometry(0.03, 0.03, "half")
-    duct.geometry.height = 0.01
-    assert meshes.geometry_of(duct) == DuctGeometry(0.03, 0.01, "half")
+    flat = duct.with_values({"geometry.height": 0.01})
+    assert meshes.geometry_of(flat) == DuctGeometry(0.03, 0.01, "half")
+    cone = SimpleNamespace(geometry=SimpleNamespace(shape="cone"))
     with pytest.raises(InputError, match=r"geometry\.shape .*'pipe', 'duct'"):
-        meshes.geometry_of(_case(shape="bend"))
+        meshes.geometry_of(cone)
 
 
 @pytest.mark.parametrize("name", ["pipe.stl", "pipe", "pipe.xdm"])
