@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Velocity at which a feeder hands the solids to the gas, where a case does not give it."""
+"""What enters a line: velocity of the solids where a case does not give it, and the profile."""
 
 from __future__ import annotations
 
 from fem_tfm.closures.materials import Gas, Solids
+from fem_tfm.closures.ops import Value, maximum
+
+# the power law ends short of the wall, over half the hydraulic diameter
+NEAREST = 0.01
 
 
 def feed_velocity(gas_velocity: float, diameter: float, gas: Gas, solids: Solids) -> float:
@@ -19,3 +23,15 @@ def feed_velocity(gas_velocity: float, diameter: float, gas: Gas, solids: Solids
     """
     lag = 0.68 * solids.diameter**0.92 * solids.density**0.5
     return gas_velocity * (1 - lag * gas.density**-0.2 * diameter**-0.54)
+
+
+def power_law(height: Value, radius: Value) -> Value:
+    """Velocity at the inlet over that on the axis, (y/R)^(1/7) [-].
+
+    height : distance y to the wall [m]
+    radius : half the hydraulic diameter R [m]
+
+    It ends short of the wall, at y/R = 0.01. Source: eqs. (20) and (21) of Ding et al. (2024),
+    Appl. Sci. 14, 2031.
+    """
+    return maximum(height / radius, NEAREST) ** (1 / 7)

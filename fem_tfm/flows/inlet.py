@@ -9,11 +9,9 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
+from fem_tfm.feed import power_law
 from fem_tfm.flows.section import Section
 from fem_tfm.flows.start import set_turbulence
-
-# the power law ends short of the wall, over half the hydraulic diameter
-NEAREST = 0.01
 
 
 @dataclass(frozen=True)
@@ -74,8 +72,7 @@ def _shape(section: Section, profile: str) -> fem.Function:
     if profile == "power-law":
         geometry = section.mesh.geometry
         distance = geometry.wall_distance(ufl.SpatialCoordinate(section.mesh.mesh))
-        height = ufl.max_value(distance / (geometry.hydraulic_diameter / 2), NEAREST)
-        power = height ** (1 / 7)
+        power = power_law(distance, geometry.hydraulic_diameter / 2)
         shape.interpolate(fem.Expression(power, space.element.interpolation_points))
     return shape
 

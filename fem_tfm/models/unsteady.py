@@ -30,6 +30,7 @@ from fem_tfm.closures.granular import Kinetic, algebraic_theta
 from fem_tfm.closures.turbulence import Eddies
 from fem_tfm.closures.walls import GasWallState, WallState
 from fem_tfm.errors import SolverError
+from fem_tfm.feed import power_law
 from fem_tfm.mesh import Mesh
 from fem_tfm.solvers.cells import Array, CellMatrix, Cells, Krylov
 
@@ -199,11 +200,11 @@ class Flow3D:
 
     def _inlet_profile(self) -> Array:
         """Normal velocity of what enters over its mean, on the faces of the inlet [-]."""
-        cells, geometry = self.cells, self.mesh.geometry
+        cells = self.cells
         shape = np.ones(self._inlet.stop - self._inlet.start)
         if self.case.inlet.profile == "power-law":
             height = self.mesh.distance_at(cells.middle[self._inlet])
-            shape = np.maximum(height / (geometry.hydraulic_diameter / 2), 0.01) ** (1 / 7)
+            shape = power_law(height, self.width / 2)
         size = cells.size[self._inlet]
         area, flux = cells.total(size), cells.total(size * shape)
         return shape * (area / flux) if flux > 0 else shape

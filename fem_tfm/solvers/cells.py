@@ -2,8 +2,8 @@
 """Cells and faces of a mesh: what a conservative scheme with one value a cell needs.
 
 A scheme of this kind is the lowest discontinuous Galerkin space with upwind facet terms, written
-out over flat arrays: one product with a sparse matrix takes fluxes to cells. It measured a tenth of
-the price of assembled facet forms, which the tests hold it against. Nothing here knows physics.
+out over flat arrays: one product with a sparse matrix takes fluxes to cells. The tests hold it
+against the facet forms that it writes out. Nothing here knows physics.
 
 Arrays over cells hold the owned cells and then the ghosts; arrays over faces hold the inner faces
 and then those of the boundary, part by part. A flux is positive from the first cell of a face to
@@ -110,7 +110,6 @@ class Cells:
     def _measure_faces(self) -> None:
         """Area vectors from the corners, which close every cell exactly, and weights."""
         domain = self.mesh.mesh
-        corners = domain.topology.connectivity(2, 0)
         domain.topology.create_connectivity(2, 0)
         corners = domain.topology.connectivity(2, 0)
         many = int(np.diff(corners.offsets).max(initial=3))
@@ -232,20 +231,6 @@ class Cells:
     def reconstruction(self, without: Sequence[str]) -> Reconstruction:
         """From normal components on faces to vectors in cells."""
         return Reconstruction(self, without)
-
-    def upwind(self, flux: Array, values: Array, edge: Array) -> Array:
-        """Values on the faces from where the flux comes; `edge` on boundary faces it enters."""
-        found = np.empty((self.faces, *values.shape[1:]))
-        ahead = flux >= 0
-        inner = ahead[: self.inner]
-        where = np.where(inner, self.first[: self.inner], self.second)
-        found[: self.inner] = values[where]
-        own = values[self.first[self.inner :]]
-        leaving = ahead[self.inner :]
-        found[self.inner :] = np.where(
-            leaving.reshape(-1, *(1,) * (values.ndim - 1)), own, edge[self.inner :]
-        )
-        return found
 
     def to_sides(self, values: Array, directed: bool = True) -> Array:
         """Values on faces as the owned cells see them, (owned, facets of a cell).
