@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 
 from fem_tfm.closures import make
 from fem_tfm.models.unsteady import Feed, Flow3D
+from fem_tfm.models.unsteady.state import Moved
 
 G = 9.81
 UPRIGHT = {"geometry.inclination_deg": 90.0, "operation.gravity": G}
@@ -35,7 +36,7 @@ def line(found: Flow3D, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def drag_of(found: Flow3D, alpha: float, slip: float) -> float:
     """beta [kg/m3/s] of the case's law."""
-    return found.laws.drag.beta(alpha, slip, found.gas, found.solids)
+    return found.case.closures.drag.beta(alpha, slip, found.gas, found.solids)
 
 
 def test_gas_between_plates_has_the_profile_of_poiseuille() -> None:
@@ -118,8 +119,7 @@ def test_a_settled_column_rests_on_its_own_pressure() -> None:
     for _ in range(1000):
         found.advance(3e-4, Feed(0.0))
     alpha = line(found, found.now.alpha)[1]
-    zero = np.zeros(found.cells.count)
-    p_s = found._solids_pressure(found.now.alpha, found.now.theta, zero, zero)
+    p_s = found.laws.solids_pressure(found.now.alpha, found.now.theta, found.rates(found.now))
     p_s, u = line(found, p_s)[1], line(found, found.now.u_s[:, 2])[1]
     above = np.cumsum(alpha[::-1])[::-1] - alpha / 2
     weight = (GRAINS["density"] - AIR["density"]) * G * 0.005 * above
@@ -157,7 +157,8 @@ def test_sheared_grains_reach_the_temperature_of_the_closed_form(
     still, rest = np.zeros(found.cells.faces), np.zeros(found.cells.count)
     for _ in range(300):
         moving = replace(found.now, u_s=u_s, u_g=u_s)
-        theta = found._agitation(moving, moving.alpha, still, rest, 5e-3, Feed(0.0), {})
+        moved, rates = Moved(moving.alpha, still, rest, rest), found.rates(moving)
+        theta = found.agitation.warm(moving, moved, rates, 5e-3, Feed(0.0), {})
         found.now = replace(found.now, theta=theta)
     assert found.now.theta == pytest.approx(wanted * scale, rel=0.01)
 
@@ -181,13 +182,16 @@ def test_walls_slow_grains_as_their_law_says(law: str) -> None:
     found.start(alpha, 0.01)
     u = np.array([0.0, 0.0, speed])
     found.now = replace(found.now, u_s=np.broadcast_to(u, found.now.u_s.shape).copy())
-    state, along = found._wall_state(
-        found.now, found._grains(found.now, *found._rates(found.now)[1:])
-    )
-    assert along == pytest.approx(np.broadcast_to(u, along.shape))
+    now, laws, edge = found.now, found.laws, found.cells.first[found.line.wall]
+    rates, rest = found.rates(now), np.zeros(found.cells.count)
+    slip = laws.slip(now.u_s[edge], found.line.normal[found.line.wall])
+    assert slip == pytest.approx(speed)
+    grains = laws.grains(now.alpha, now.theta, rates)
+    state = laws.wall_state(now.alpha, now.theta, grains, slip, edge)
     friction = np.ravel(make("solids-wall", law).friction(state, found.solids))[0]
     rate = 4 * friction / (GRAINS["density"] * alpha * size)
-    phases = found._phases(found.now, found.now, np.zeros(found.cells.faces), found.now.p)
-    forces = [np.zeros_like(found.now.u_s)] * 2
-    guess = found._momenta(found.now, found.now, phases, forces, dt, Feed(0.0), {})
+    moved = Moved(now.alpha, np.zeros(found.cells.faces), now.p, rest)
+    phases = found.momenta.phases(now, now, moved, rates)
+    forces = [np.zeros_like(now.u_s)] * 2
+    guess = found.momenta.solve(phases, rest, forces, dt, Feed(0.0), {})
     assert guess[0][:, 2] == pytest.approx(speed / (1 + rate * dt), rel=1e-6)

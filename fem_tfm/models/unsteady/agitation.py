@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Granular temperature of a step: implicit, its sinks in the diagonal."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fem_tfm.case import Case
+from fem_tfm.models.unsteady.laws import CellLaws, Grains
+from fem_tfm.models.unsteady.line import Line
+from fem_tfm.models.unsteady.state import (
+    LONELY_FRACTION,
+    SMALLEST_FRACTION,
+    SMALLEST_THETA,
+    TRANSPORT_TOLERANCE,
+    Feed,
+    Moment,
+    Moved,
+    Rates,
+)
+from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
+
+
+class Agitation:
+    """Moves the granular energy with the solids, makes and loses it.
+
+    Parameters
+    ----------
+    case : intensity of what enters
+    line, laws : mesh and coefficients
+    matrix : scalar matrix, whose values are overwritten
+    """
+
+    def __init__(self, case: Case, line: Line, laws: CellLaws, matrix: CellMatrix) -> None:
+        self.line, self.laws, self.matrix = line, laws, matrix
+        self._intensity = case.inlet.solids_intensity
+        self._krylov = Krylov(matrix, "transport", TRANSPORT_TOLERANCE)
+
+    def warm(
+        self,
+        old: Moment,
+        moved: Moved,
+        rates: Rates,
+        dt: float,
+        feed: Feed,
+        effort: dict[str, int],
+    ) -> Array:
+        """Granular temperature after the step [m2/s2] (collective).
+
+        Raises
+        ------
+        SolverError
+            the linear solver does not converge.
+        """
+        line, cells, laws, alpha = self.line, self.line.cells, self.laws, moved.alpha
+        # dense grains heat up thousandfold faster than they are compressed: what only one of two
+        # steps compresses would drive waves of their pressure
+        dilation = np.maximum(moved.dilation, rates.dilation)
+        grains = laws.grains(alpha, old.theta, replace(rates, dilation=dilation))
+        beta = laws.drag(alpha, old.u_g - old.u_s)
+        if laws.laws.theta == "algebraic":
+            return laws.balanced_theta(alpha, grains, rates.shear, beta)
+        own, inner, k = line.own, line.inner, grains.kinetic
+        density = laws.solids.density
+        mass = 1.5 * density * np.maximum(old.alpha[own], SMALLEST_FRACTION)
+        inertia = mass * line.volume / dt
+        work = 2 * k.shear_viscosity * rates.shear + k.bulk_viscosity * dilation**2
+        if laws.laws.friction_feeds_theta:
+            work = work + 2 * grains.mu_f * rates.shear
+        unit = k.pressure / old.theta * dilation
+        sink = k.dissipation / old.theta + 3 * beta + np.maximum(unit, 0.0)
+        gain = work + np.maximum(-unit, 0.0) * old.theta
+        spread = cells.mean(k.conductivity) * cells.reach
+        spread[cells.inner :] = 0.0
+        flux = 1.5 * density * moved.flux
+        ahead, back = np.maximum(flux, 0.0), np.maximum(-flux, 0.0)
+        inflow = cells.sum_out(back, ahead)
+        diagonal = inertia + sink[own] * line.volume + inflow + cells.add(spread)
+        rhs = inertia * old.theta[own] + gain[own] * line.volume
+        if line.has_inlet:
+            entering = back[line.inlet] * (self._intensity * feed.solids_velocity) ** 2
+            cells.to_boundary("inlet", rhs, entering)
+        if line.has_wall:
+            heat = self._wall_heat(old, alpha, grains) * cells.size[line.wall]
+            edge = cells.first[line.wall]
+            cells.to_boundary("wall", rhs, np.maximum(heat, 0.0))
+            cells.to_boundary("wall", diagonal, np.maximum(-heat, 0.0) / old.theta[edge])
+        self.matrix.set([diagonal], [(-(back + spread)[inner], -(ahead + spread)[inner])])
+        self._krylov.renew()
+        found = self._krylov.solve(rhs, old.theta[own])
+        effort["theta"] = self._krylov.iterations
+        # grains that are all but alone do not fly faster than the gas
+        alone = alpha[own] < LONELY_FRACTION
+        found[alone] = np.minimum(found[alone], line.speed**2)
+        return cells.whole(np.maximum(found, SMALLEST_THETA))
+
+    def _wall_heat(self, old: Moment, alpha: Array, grains: Grains) -> Array:
+        """Flux from the faces of the wall into the granular energy [W/m2]."""
+        edge = self.line.cells.first[self.line.wall]
+        slip = self.laws.slip(old.u_s[edge], self.line.normal[self.line.wall])
+        state = self.laws.wall_state(alpha, old.theta, grains, slip, edge)
+        return self.laws.wall_heat(state)

@@ -1,0 +1,277 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The unsteady flow on one mesh: its state, its steps, its balances, and what others read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+
+from fem_tfm.case import Case
+from fem_tfm.errors import SolverError
+from fem_tfm.mesh import Mesh
+from fem_tfm.models.unsteady.agitation import Agitation
+from fem_tfm.models.unsteady.fraction import SolidsFraction
+from fem_tfm.models.unsteady.laws import CellLaws
+from fem_tfm.models.unsteady.line import Line
+from fem_tfm.models.unsteady.momenta import Momenta
+from fem_tfm.models.unsteady.projection import Projection
+from fem_tfm.models.unsteady.state import (
+    OF_CELLS,
+    OF_FACES,
+    SMALLEST_FRACTION,
+    SMALLEST_THETA,
+    Feed,
+    Masses,
+    Moment,
+    Rates,
+    Report,
+    StepFailed,
+)
+from fem_tfm.solvers.cells import Array, CellMatrix
+
+
+class Flow3D:
+    """An unsteady flow on one mesh.
+
+    Parameters
+    ----------
+    case : laws, materials, inlet
+    mesh : three-dimensional, with the parts inlet, outlet, wall, symmetry that it has
+
+    Attributes
+    ----------
+    line, laws : mesh and coefficients
+    fraction, agitation, momenta, projection : parts of a step; the first two only with solids
+    now : state
+    """
+
+    def __init__(self, case: Case, mesh: Mesh) -> None:
+        self.case, self.mesh = case, mesh
+        self.gas, self.solids = case.gas_material, case.solids_material
+        self.line, self.laws = Line(case, mesh), CellLaws(case)
+        self.cells = self.line.cells
+        if self.solids is not None:
+            scalar = CellMatrix(self.cells)
+            self.fraction = SolidsFraction(self.line, self.laws, scalar)
+            self.agitation = Agitation(case, self.line, self.laws, scalar)
+        self.momenta = Momenta(self.line, self.laws, np.array(case.gravity_vector))
+        self.projection = Projection(self.line, self.laws)
+        self._functions: dict[str, fem.Function] = {}
+        self.start()
+
+    def start(self, alpha: Any = 0.0, theta: float = SMALLEST_THETA) -> None:
+        """Both phases at rest, with a solids fraction given as a number or in all cells."""
+        cells = self.cells
+        zero, flux = np.zeros(cells.count), np.zeros(cells.faces)
+        vector = np.zeros((cells.count, 3))
+        self.now = Moment(
+            alpha=zero + alpha,
+            theta=zero + theta,
+            p=zero,
+            u_s=vector,
+            u_g=vector,
+            total=flux,
+            carried=flux,
+            pushed=flux,
+            response=flux,
+            gained=flux,
+        )
+        self.time, self.steps = 0.0, 0
+        self._count_masses()
+
+    def move(self, u_s: Array, u_g: Array) -> None:
+        """Give both phases velocities, (3,) or (cells, 3) [m/s]; walls hold their normal part."""
+        cells = self.cells
+        u_s, u_g = (np.broadcast_to(u, (cells.count, 3)).astype(float) for u in (u_s, u_g))
+        fluxes = [np.einsum("ni,ni->n", cells.mean(u), cells.area) for u in (u_s, u_g)]
+        for flux in fluxes:
+            for part in ("wall", "symmetry"):
+                flux[cells.parts.get(part, slice(0, 0))] = 0.0
+        alpha = cells.mean(self.now.alpha)
+        self.now = replace(
+            self.now,
+            u_s=u_s,
+            u_g=u_g,
+            carried=fluxes[0],
+            total=alpha * fluxes[0] + (1 - alpha) * fluxes[1],
+        )
+
+    def _count_masses(self) -> None:
+        solids = self.cells.total(self.now.alpha[: self.cells.owned] * self.line.volume)
+        room = self.cells.total(self.line.volume)
+        self.masses = Masses(solids=solids, gas=room - solids)
+
+    # -- the step ------------------------------------------------------------------------------
+
+    def advance(self, dt: float, feed: Feed) -> Report:
+        """One step of `dt` [s].
+
+        Raises
+        ------
+        StepFailed
+            a solver did not converge or a value left its bounds; nothing has changed.
+        """
+        try:
+            found, report, masses = self._step(dt, feed)
+        except (SolverError, FloatingPointError, np.linalg.LinAlgError) as error:
+            raise StepFailed(str(error)) from error
+        self.now, self.masses = found, masses
+        self.time += dt
+        self.steps += 1
+        return report
+
+    def _step(self, dt: float, feed: Feed) -> tuple[Moment, Report, Masses]:
+        old, cells, effort = self.now, self.cells, {}
+        at, moved, rates, beta = old, None, None, np.zeros(cells.count)
+        if self.solids is not None:
+            rates = self.rates(old)
+            response = old.response
+            if not self.steps:
+                response = self.projection.response(old.alpha, self._drag(old), dt)[0]
+            moved = self.fraction.move(old, response, rates, dt, feed, effort)
+            theta = self.agitation.warm(old, moved, rates, dt, feed, effort)
+            at = replace(old, alpha=moved.alpha, theta=theta)
+            beta = self._drag(at)
+        phases = self.momenta.phases(at, old, moved, rates)
+        gaps, accelerated = self.momenta.forces(at, phases, feed)
+        guess = self.momenta.solve(phases, beta, accelerated, dt, feed, effort)
+        found = self.projection.project(at, phases, beta, guess, gaps, dt, feed, effort)
+        through = np.zeros(cells.faces) if moved is None else moved.flux
+        masses = self._balance(found, through, dt)
+        return found, self._report(found, dt, effort, masses), masses
+
+    def rates(self, at: Moment) -> Rates:
+        """How the solids of a state deform, in all cells (collective)."""
+        cells = self.cells
+        gradient = cells.whole(cells.gradient(at.u_s))
+        dilation = cells.whole(cells.sum(at.carried) / self.line.volume)
+        return self.laws.rates(gradient, dilation)
+
+    def _drag(self, at: Moment) -> Array:
+        return self.laws.drag(at.alpha, at.u_g - at.u_s)
+
+    # -- what others read ----------------------------------------------------------------------
+
+    def _balance(self, found: Moment, through: Array, dt: float) -> Masses:
+        """Masses with what this step has carried over the boundary."""
+        cells, edge = self.cells, slice(self.cells.inner, None)
+        gas = found.total - through
+        gained = {}
+        for name, flux in (("solids", through[edge]), ("gas", gas[edge])):
+            gained[f"{name}_in"] = getattr(self.masses, f"{name}_in") + dt * cells.total(
+                np.maximum(-flux, 0.0)
+            )
+            gained[f"{name}_net"] = getattr(self.masses, f"{name}_net") - dt * cells.total(flux)
+        return replace(self.masses, **gained)
+
+    def _report(self, found: Moment, dt: float, effort: dict[str, int], masses: Masses) -> Report:
+        cells, own = self.cells, slice(0, self.cells.owned)
+        for name in ("alpha", "theta", "p", "u_s", "u_g"):
+            if not np.isfinite(cells.largest(np.abs(getattr(found, name)[own]))):
+                raise SolverError(f"{name} is not finite")
+        return Report(
+            effort,
+            cells.largest(found.alpha[own]),
+            cells.largest(found.theta[own]),
+            dt * max(self._courant(found)),
+            max(self._errors(found, masses).values()),
+        )
+
+    def courant(self) -> tuple[float, float]:
+        """Largest Courant number of solids and gas for a step of one second [1/s]."""
+        return self._courant(self.now)
+
+    def _courant(self, at: Moment) -> tuple[float, float]:
+        cells = self.cells
+        share = np.maximum(1 - cells.mean(at.alpha), SMALLEST_FRACTION)
+        gas = (at.total - cells.mean(at.alpha) * at.carried) / share
+        rates = []
+        for flux in (at.carried, gas):
+            leaving = cells.sum_out(np.maximum(flux, 0.0), np.maximum(-flux, 0.0))
+            rates.append(cells.largest(leaving / self.line.volume))
+        return rates[0], rates[1]
+
+    def _errors(self, at: Moment, masses: Masses) -> dict[str, float]:
+        held = self.cells.total(at.alpha[: self.cells.owned] * self.line.volume)
+        room = self.cells.total(self.line.volume)
+        found = {}
+        for name, now in (("solids", held), ("gas", room - held)):
+            start, entered = getattr(masses, name), getattr(masses, f"{name}_in")
+            missing = now - start - getattr(masses, f"{name}_net")
+            found[f"{name}_mass"] = abs(missing) / max(start + entered, 1e-300)
+        return found
+
+    def balances(self) -> dict[str, float]:
+        """Relative errors of the masses of both phases since the start."""
+        found = self._errors(self.now, self.masses)
+        return found if self.solids is not None else {"gas_mass": found["gas_mass"]}
+
+    def quantities(self) -> dict[str, float]:
+        """Numbers of the whole line now, in the units of `case.QUANTITIES`.
+
+        The flows are those through the outlet, the pressure drop that from the inlet's cells to it.
+        """
+        cells, now, own = self.cells, self.now, slice(0, self.cells.owned)
+        entry, size = cells.first[self.line.inlet], cells.size[self.line.inlet]
+        area = max(cells.total(size), 1e-300)
+        drop = cells.total(now.p[entry] * size) / area
+        factor = self.mesh.geometry.area_factor
+        leaving = cells.mean(now.alpha)[self.line.outlet] * now.carried[self.line.outlet]
+        gas = cells.total(now.total[self.line.outlet] - leaving)
+        room = cells.total(self.line.volume)
+        found = {
+            "pressure_gradient": drop / self.mesh.length,
+            "pressure_drop": drop,
+            "gas_mass_flow": factor * self.gas.density * gas,
+        }
+        if self.solids is None:
+            return found
+        return found | {
+            "solids_mass_flow": factor * self.solids.density * cells.total(leaving),
+            "holdup": cells.total(now.alpha[own] * self.line.volume) / room,
+            "max_solids_fraction": cells.largest(now.alpha[own]),
+        }
+
+    def state(self) -> dict[str, Array]:
+        """Everything that the next step needs, bit for bit.
+
+        Arrays over owned cells, those on faces as (owned, facets of a cell), and numbers. The next
+        step builds its multigrid anew, so that a run that goes on equals one that is restored.
+        """
+        self.projection.renew()
+        cells, own = self.cells, slice(0, self.cells.owned)
+        found = {name: getattr(self.now, name)[own].copy() for name in OF_CELLS}
+        for name, directed in OF_FACES.items():
+            found[name] = cells.to_sides(getattr(self.now, name), directed)
+        found["time"], found["steps"] = np.array(self.time), np.array(self.steps)
+        return found | {f"mass_{n}": np.array(v) for n, v in vars(self.masses).items()}
+
+    def restore(self, state: Mapping[str, Array]) -> None:
+        """Take over what `state` gave, also from another division into ranks (collective)."""
+        cells = self.cells
+        found = {name: cells.whole(np.asarray(state[name])) for name in OF_CELLS}
+        for name, directed in OF_FACES.items():
+            found[name] = cells.from_sides(np.asarray(state[name]), directed)
+        self.now = Moment(**found)
+        self.time, self.steps = float(state["time"]), int(state["steps"])
+        names = (f.name for f in fields(Masses))
+        self.masses = Masses(**{name: float(state[f"mass_{name}"]) for name in names})
+        self.projection.renew()
+
+    def fields(self) -> dict[str, fem.Function]:
+        """Values of the cells for output, in functions that are made once."""
+        arrays = {"u_g": self.now.u_g, "pressure": self.now.p}
+        if self.solids is not None:
+            arrays = {"alpha_s": self.now.alpha, "u_s": self.now.u_s, **arrays}
+            arrays["theta"] = self.now.theta
+        for name, values in arrays.items():
+            if name not in self._functions:
+                shape = (3,) if values.ndim == 2 else ()
+                space = fem.functionspace(self.mesh.mesh, ("DG", 0, shape))
+                self._functions[name] = fem.Function(space, name=name)
+            self._functions[name].x.array[:] = values.ravel()
+        return self._functions

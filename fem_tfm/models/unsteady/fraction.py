@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Solids fraction of a step: upwind fluxes with an implicit, nonlinear pressure of the solids."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fem_tfm.errors import SolverError
+from fem_tfm.models.unsteady.laws import CellLaws
+from fem_tfm.models.unsteady.line import Line
+from fem_tfm.models.unsteady.state import Feed, Moment, Moved, Rates
+from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
+
+# relative residual, change and iterations of Newton's method
+RESIDUAL, CHANGE, ITERATIONS = 1e-10, 1e-12, 40
+# residual of its linear systems over the right-hand side: a step of the method needs little
+LINEAR_TOLERANCE = 1e-4
+
+
+class SolidsFraction:
+    """Moves the solids by their fluxes and their pressure.
+
+    Parameters
+    ----------
+    line, laws : mesh and coefficients
+    matrix : scalar matrix, whose values are overwritten
+    """
+
+    def __init__(self, line: Line, laws: CellLaws, matrix: CellMatrix) -> None:
+        self.line, self.laws, self.matrix = line, laws, matrix
+        self._krylov = Krylov(matrix, "transport", LINEAR_TOLERANCE)
+        self._edges = line.cells.first[line.cells.inner :]
+
+    def move(
+        self,
+        old: Moment,
+        response: Array,
+        rates: Rates,
+        dt: float,
+        feed: Feed,
+        effort: dict[str, int],
+    ) -> Moved:
+        """Solids fraction after the step.
+
+        The pressure is the one that has moved the solids: their momentum must feel the same, or
+        the fluctuations that a step brings would throw a packed bed apart.
+
+        Raises
+        ------
+        SolverError
+            Newton's method fails or the fraction leaves its bounds.
+        """
+        line, cells, limit = self.line, self.line.cells, self.laws.solids.packing_limit
+        inner, edge = line.inner, slice(cells.inner, None)
+        push = (response * cells.reach)[inner]
+        first, second = cells.first[inner], cells.second
+        rate = line.volume / dt
+        ahead, back, ties = (np.zeros(cells.faces) for _ in range(3))
+        alpha = np.maximum(old.alpha, 0.0)
+        w = alpha / (limit - alpha)
+
+        def pressure(alpha: Array) -> Array:
+            return self.laws.solids_pressure(alpha, old.theta, rates)
+
+        def stiffness(w: Array, p_s: Array) -> Array:
+            step = 1e-7 * (1 + w)
+            found = (pressure(limit * (w + step) / (1 + w + step)) - p_s) / step
+            return np.maximum(found, 0.0)
+
+        p_s = pressure(alpha)
+        stiff = stiffness(w, p_s)
+        # where the pressure is too stiff for the step, its waves would run on without end: there
+        # the flux is that at the end of the step, which damps them
+        sound = np.zeros(cells.count)
+        ties[inner] = push
+        sound[: cells.owned] = (
+            cells.add(ties) / rate * (stiff * alpha * (1 + w) ** 2)[: cells.owned]
+        )
+        sound = np.max(cells.exchange(sound / limit)[np.stack([first, second])], axis=0)
+        flux = old.carried - old.pushed
+        flux[inner] += sound / (1 + sound) * dt * old.gained[inner]
+        flux[line.inlet] = 0.0
+        if feed.blocked:
+            flux[line.outlet] = 0.0
+        flux[line.outlet] = np.maximum(flux[line.outlet], 0.0)
+        ahead[edge] = np.maximum(flux[edge], 0.0)
+        entering = line.entering(feed.solids_velocity) * feed.solids_fraction
+
+        def fluxes(alpha: Array, p_s: Array) -> Array:
+            # upwind by what the pressure leaves of the flux: grains at rest do not creep
+            moved = flux[inner] - push * (p_s[second] - p_s[first])
+            ahead[inner], back[inner] = np.maximum(moved, 0.0), np.maximum(-moved, 0.0)
+            found = np.empty(cells.faces)
+            found[inner] = ahead[inner] * alpha[first] - back[inner] * alpha[second]
+            found[edge] = ahead[edge] * alpha[self._edges]
+            found[line.inlet] = entering
+            return found
+
+        for iteration in range(1, ITERATIONS + 1):
+            effort["solids fraction"] = iteration
+            through = fluxes(alpha, p_s)
+            residual = rate * (alpha[: cells.owned] - old.alpha[: cells.owned]) + cells.sum(through)
+            worst = cells.largest(np.abs(residual) / rate)
+            if not np.isfinite(worst):
+                raise SolverError("the solids fraction is not finite")
+            if worst < RESIDUAL:
+                break
+            slope = limit / (1 + w) ** 2
+            ties[inner] = upwind = push * np.where(ahead[inner] > 0, alpha[first], alpha[second])
+            diagonal = (rate + cells.sum_out(ahead, back)) * slope[: cells.owned]
+            diagonal += cells.add(ties) * stiff[: cells.owned]
+            self.matrix.set(
+                [diagonal],
+                [
+                    (
+                        -back[inner] * slope[second] - upwind * stiff[second],
+                        -ahead[inner] * slope[first] - upwind * stiff[first],
+                    )
+                ],
+            )
+            self._krylov.renew()
+            change = self._krylov.solve(-residual, np.zeros(cells.owned))
+            # w stays positive and finite, and p_s is nearly linear in it
+            own = w[: cells.owned]
+            w = cells.whole(np.clip(own + change, 0.1 * own, 10 * (1 + own)))
+            alpha = limit * w / (1 + w)
+            p_s = pressure(alpha)
+            if cells.largest(np.abs(change) * slope[: cells.owned]) < CHANGE:
+                through = fluxes(alpha, p_s)
+                break
+            stiff = stiffness(w, p_s)
+        else:
+            raise SolverError("Newton's method of the solids fraction does not converge")
+        alpha = old.alpha[: cells.owned] - cells.sum(through) / rate
+        # round-off may leave an emptied cell below zero
+        lowest = -cells.largest(-alpha)
+        if lowest < -1e-9 or cells.largest(alpha) >= limit:
+            raise SolverError("the solids fraction leaves its bounds")
+        moved = np.where(np.arange(cells.faces) < cells.inner, ahead - back, flux)
+        moved[line.inlet] = line.entering(feed.solids_velocity)
+        dilation = cells.whole(cells.sum(moved) / line.volume)
+        return Moved(cells.whole(alpha), through, p_s, dilation)

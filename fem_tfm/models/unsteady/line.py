@@ -1,0 +1,74 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The mesh of an unsteady flow as the parts of a step see it: cells, boundary and inlet profile."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fem_tfm.case import Case
+from fem_tfm.feed import power_law
+from fem_tfm.mesh import Mesh
+from fem_tfm.solvers.cells import Array, Cells
+
+PARTS = ("inlet", "outlet", "wall", "symmetry")
+
+
+class Line:
+    """Cells of one line with its inlet, outlet and walls.
+
+    Parameters
+    ----------
+    case : inlet, scales
+    mesh : three-dimensional, with the parts inlet, outlet, wall, symmetry that it has
+
+    Attributes
+    ----------
+    cells : operators over cells and faces
+    volume : of the owned cells [m3]
+    own, inner : slices of the owned cells and of the inner faces
+    inlet, outlet, wall : slices of faces, empty where the mesh has no such part
+    has_inlet, has_wall : whether the mesh has the part, on any rank
+    has_outlet : whether it has a face
+    normal (faces, 3), normal_slope (faces) : unit normal; 1/distance along it [1/m]
+    open (faces) : 1 on faces that a phase can pass without being fed, else 0
+    profile : normal velocity of what enters over its mean, on the faces of the inlet [-]
+    speed, width : scales of the flow [m/s], [m]
+    """
+
+    def __init__(self, case: Case, mesh: Mesh) -> None:
+        self.mesh = mesh
+        self.cells = cells = Cells(mesh, [name for name in PARTS if name in mesh.tags])
+        self.speed = case.operation.gas_superficial_velocity
+        self.width = case.geometry.hydraulic_diameter
+        self.own, self.inner = slice(0, cells.owned), slice(0, cells.inner)
+        self.volume = cells.volume[: cells.owned]
+        self.wall, self.inlet, self.outlet = (
+            cells.parts.get(name, slice(0, 0)) for name in ("wall", "inlet", "outlet")
+        )
+        self.has_inlet, self.has_wall = "inlet" in cells.parts, "wall" in cells.parts
+        self.has_outlet = cells.total(self.outlet.stop - self.outlet.start) > 0
+        self.normal = cells.area / cells.size[:, None]
+        self.normal_slope = cells.reach / cells.size
+        self.open = np.zeros(cells.faces)
+        self.open[: cells.inner] = 1.0
+        self.open[self.outlet] = 1.0
+        self.reconstruct = cells.reconstruction(["inlet"] if self.has_inlet else [])
+        self.profile = self._inlet_profile(case)
+
+    def _inlet_profile(self, case: Case) -> Array:
+        cells = self.cells
+        shape = np.ones(self.inlet.stop - self.inlet.start)
+        if case.inlet.profile == "power-law":
+            height = self.mesh.distance_at(cells.middle[self.inlet])
+            shape = power_law(height, self.width / 2)
+        size = cells.size[self.inlet]
+        area, flux = cells.total(size), cells.total(size * shape)
+        return shape * (area / flux) if flux > 0 else shape
+
+    def entering(self, mean: float) -> Array:
+        """Volume flux into the domain at a mean velocity, negative as it enters [m3/s]."""
+        return -mean * self.profile * self.cells.size[self.inlet]
+
+    def little(self, value: float) -> float:
+        """Norm of a vector with `value` in every cell."""
+        return value * self.cells.map.size_global**0.5

@@ -1,0 +1,213 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Momenta of a step: both phases with their drag in one matrix for all three components."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from fem_tfm.models.unsteady.laws import CellLaws
+from fem_tfm.models.unsteady.line import Line
+from fem_tfm.models.unsteady.state import (
+    SMALLEST_FRACTION,
+    TRANSPORT_TOLERANCE,
+    Feed,
+    Moment,
+    Moved,
+    Phase,
+    Rates,
+)
+from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
+
+# residual that ends the solver, over U in every cell
+SMALL_VELOCITY = 1e-9
+
+
+class Momenta:
+    """Velocities that forces, stresses and drag give with the old pressure.
+
+    Parameters
+    ----------
+    line, laws : mesh and coefficients
+    gravity : vector [m/s2]
+    """
+
+    def __init__(self, line: Line, laws: CellLaws, gravity: Array) -> None:
+        self.line, self.laws = line, laws
+        # rises along the normals, for the weight of a phase [m/s2]
+        self._weight = line.normal @ gravity
+        self._height = 1 / line.normal_slope[line.wall]
+        self._distance = line.mesh.distance_at(line.cells.centre)
+        self._matrix = CellMatrix(line.cells, 1 if laws.solids is None else 2)
+        self._krylov = Krylov(self._matrix, "transport", TRANSPORT_TOLERANCE)
+
+    # -- the phases ----------------------------------------------------------------------------
+
+    def phases(self, at: Moment, old: Moment, moved: Moved | None, rates: Rates) -> list[Phase]:
+        """Coefficients of the phases, the gas last, with the fraction and Theta of `at`."""
+        gas = self._gas(at, old, moved)
+        return [gas] if moved is None else [self._solids(at, old, moved, rates), gas]
+
+    def _solids(self, at: Moment, old: Moment, moved: Moved, rates: Rates) -> Phase:
+        laws, line = self.laws, self.line
+        grains = laws.grains(at.alpha, at.theta, rates)
+        mu = grains.kinetic.shear_viscosity + grains.mu_f
+        edge, wall = line.cells.first[line.wall], line.wall
+        if laws.walls.solids.strong:
+            traction = mu[edge] * line.cells.reach[wall]
+        else:
+            slip = laws.slip(at.u_s[edge], line.normal[wall])
+            state = laws.wall_state(at.alpha, at.theta, grains, slip, edge)
+            traction = laws.solids_friction(state) * line.cells.size[wall]
+        return Phase(
+            name="solids",
+            density=laws.solids.density,
+            fraction=at.alpha,
+            before=old.alpha,
+            velocity=at.u_s,
+            flux=moved.flux,
+            viscosity=mu,
+            bulk=grains.kinetic.bulk_viscosity,
+            gradient=rates.gradient,
+            traction=traction,
+            pressure=moved.pressure,
+        )
+
+    def _gas(self, at: Moment, old: Moment, moved: Moved | None) -> Phase:
+        laws, line, cells = self.laws, self.line, self.line.cells
+        gradient = cells.whole(cells.gradient(at.u_g))
+        void = 1 - at.alpha
+        mu = void * laws.gas_viscosity(gradient, self._distance)
+        flux = old.total - (0.0 if moved is None else moved.flux)
+        flux[line.inlet] = 0.0
+        edge, wall = cells.first[line.wall], line.wall
+        if laws.walls.gas.strong:
+            traction = mu[edge] * cells.reach[wall]
+        else:
+            # found at the centre of the wall's cells
+            slip = laws.slip(at.u_g[edge], line.normal[wall])
+            traction = laws.gas_friction(void[edge], slip, self._height) * cells.size[wall]
+        return Phase(
+            name="gas",
+            density=laws.gas.density,
+            fraction=void,
+            before=1 - old.alpha,
+            velocity=at.u_g,
+            flux=flux,
+            viscosity=mu,
+            bulk=np.zeros_like(mu),
+            gradient=gradient,
+            traction=traction,
+            pressure=None,
+        )
+
+    # -- forces --------------------------------------------------------------------------------
+
+    def forces(
+        self, at: Moment, phases: list[Phase], feed: Feed
+    ) -> tuple[list[Array], list[Array]]:
+        """Accelerations by pressures and weight: vectors in cells, and what faces have beyond them.
+
+        The second is the force [N/m3] along the normals of the faces that interpolated cells lack.
+        """
+        line, cells, inner = self.line, self.line.cells, self.line.inner
+        slope = np.zeros(cells.faces)
+        first, second = cells.first[inner], cells.second
+        slope[inner] = (at.p[second] - at.p[first]) * line.normal_slope[inner]
+        slope[line.outlet] = -at.p[cells.first[line.outlet]] * line.normal_slope[line.outlet]
+        gaps, accelerated = [], []
+        for phase in phases:
+            share = np.maximum(cells.mean(phase.fraction), SMALLEST_FRACTION)
+            force = -share * slope
+            force += share * (phase.density - self.laws.gas.density) * self._weight
+            if phase.pressure is not None:
+                p_s = phase.pressure
+                force[inner] -= (p_s[second] - p_s[first]) * line.normal_slope[inner]
+            force *= line.open
+            if phase.name == "solids" and feed.blocked:
+                force[line.outlet] = 0.0
+            mass = phase.density * share
+            vector = cells.whole(line.reconstruct(force / mass))
+            average = np.einsum("ni,ni->n", cells.mean(vector), line.normal)
+            gaps.append(force - mass * average * line.open)
+            accelerated.append(vector)
+        return gaps, accelerated
+
+    def _stress(self, phase: Phase) -> Array:
+        """What the implicit difference leaves of the viscous force on the owned cells [N]."""
+        cells, inner = self.line.cells, self.line.inner
+        rate = cells.mean(phase.gradient.reshape(-1, 9)).reshape(-1, 3, 3)[inner]
+        mu = cells.mean(phase.viscosity)[inner]
+        bulk = cells.mean(phase.bulk)[inner] - 2 / 3 * mu
+        area, trace = cells.area[inner], np.einsum("nii->n", rate)
+        force = np.zeros((cells.faces, 3))
+        turned = np.einsum("nji,nj->ni", rate, area) + np.einsum(
+            "nij,nj->ni", rate, cells.skew[inner]
+        )
+        force[inner] = mu[:, None] * turned + (bulk * trace)[:, None] * area
+        return cells.sum(force)
+
+    # -- the linear system ---------------------------------------------------------------------
+
+    def solve(
+        self,
+        phases: list[Phase],
+        beta: Array,
+        accelerated: list[Array],
+        dt: float,
+        feed: Feed,
+        effort: dict[str, int],
+    ) -> list[Array]:
+        """Velocities of the phases before the projection, in all cells (collective).
+
+        Raises
+        ------
+        SolverError
+            the linear solver does not converge.
+        """
+        line, cells, own, inner = self.line, self.line.cells, self.line.own, self.line.inner
+        many = len(phases)
+        coupling = beta[own] * line.volume
+        diagonals, across, sides = [], [], []
+        for phase, acceleration in zip(phases, accelerated, strict=True):
+            inertia = phase.density * np.maximum(phase.before[own], SMALLEST_FRACTION)
+            inertia = inertia * line.volume / dt
+            flux = phase.density * phase.flux
+            ahead, back = np.maximum(flux, 0.0), np.maximum(-flux, 0.0)
+            spread = cells.mean(phase.viscosity) * cells.reach
+            spread[cells.inner :] = 0.0
+            diagonal = inertia + cells.sum_out(back, ahead) + cells.add(spread)
+            rhs = inertia[:, None] * phase.velocity[own]
+            mass = phase.density * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
+            rhs += (mass * line.volume)[:, None] * acceleration[own] + self._stress(phase)
+            if line.has_wall:
+                cells.to_boundary("wall", diagonal, phase.traction)
+            if line.has_inlet:
+                mean = feed.mean_velocity(phase.name)
+                fraction = feed.fraction(phase.name)
+                entering = phase.density * fraction * -line.entering(mean)
+                velocity = -mean * line.profile[:, None] * line.normal[line.inlet]
+                # what a passing flux without inlet has left out
+                missing = entering - back[line.inlet]
+                cells.to_boundary("inlet", diagonal, missing)
+                cells.to_boundary("inlet", rhs, entering[:, None] * velocity)
+            diagonals.append(diagonal)
+            across.append((-(back + spread)[inner], -(ahead + spread)[inner]))
+            sides.append(rhs)
+        if many == 2:
+            blocks = [diagonals[0] + coupling, -coupling, -coupling, diagonals[1] + coupling]
+        else:
+            blocks = diagonals
+        self._matrix.set(blocks, across)
+        self._krylov.renew()
+        found = np.empty((cells.owned, many, 3))
+        start = np.stack([phase.velocity[own] for phase in phases], axis=1)
+        side = np.stack(sides, axis=1)
+        effort["momentum"] = 0
+        # the components share one measure: what is small across the pipe need not be sharper
+        largest = max(cells.total(start[:, :, i] ** 2) for i in range(3)) ** 0.5
+        enough = TRANSPORT_TOLERANCE * largest + line.little(SMALL_VELOCITY * line.speed)
+        for i in range(3):
+            x = self._krylov.solve(side[:, :, i].ravel(), start[:, :, i].ravel(), enough)
+            effort["momentum"] += self._krylov.iterations
+            found[:, :, i] = x.reshape(-1, many)
+        return [cells.whole(np.ascontiguousarray(found[:, k])) for k in range(many)]

@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Pressure of a step: it makes the flux of both phases free of divergence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from fem_tfm.errors import SolverError
+from fem_tfm.models.unsteady.laws import CellLaws
+from fem_tfm.models.unsteady.line import Line
+from fem_tfm.models.unsteady.state import SMALLEST_FRACTION, Feed, Moment, Phase
+from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
+
+# residual of the linear system over the right-hand side, and what ends it over rho_g U^2
+TOLERANCE, SMALL_PRESSURE = 1e-6, 1e-9
+# steps after which the multigrid is built anew, and iterations above which it is
+MULTIGRID_AGE, MULTIGRID_EFFORT = 20, 15
+
+
+class Projection:
+    """Projection with the response of mass and drag alone.
+
+    Parameters
+    ----------
+    line, laws : mesh and coefficients
+    """
+
+    def __init__(self, line: Line, laws: CellLaws) -> None:
+        self.line, self.laws = line, laws
+        self._matrix = CellMatrix(line.cells)
+        self._krylov = Krylov(self._matrix, "pressure", TOLERANCE)
+        self._age = MULTIGRID_AGE
+
+    def response(self, alpha: Array, beta: Array, dt: float) -> tuple[Array, Array, Array]:
+        """R_ss, R_sg = R_gs, R_gg on faces, of alpha_s and beta in cells [m3 s/kg]."""
+        alpha, beta = self.line.cells.mean(alpha), self.line.cells.mean(beta)
+        gas = self.laws.gas.density * np.maximum(1 - alpha, SMALLEST_FRACTION) / dt
+        solids = self.laws.solids.density * np.maximum(alpha, SMALLEST_FRACTION) / dt
+        # (gas + beta)(solids + beta) - beta^2 without the difference
+        determinant = gas * solids + beta * (gas + solids)
+        return (gas + beta) / determinant, beta / determinant, (solids + beta) / determinant
+
+    def project(
+        self,
+        at: Moment,
+        phases: list[Phase],
+        beta: Array,
+        guess: list[Array],
+        gaps: list[Array],
+        dt: float,
+        feed: Feed,
+        effort: dict[str, int],
+    ) -> Moment:
+        """The state with pressure, velocities and fluxes after the step (collective).
+
+        guess, gaps : velocities of the phases, and forces that faces have beyond those of the cells
+
+        Raises
+        ------
+        SolverError
+            the linear solver does not converge.
+        """
+        line, cells, inner = self.line, self.line.cells, self.line.inner
+        shares = [cells.mean(phase.fraction) for phase in phases]
+        if len(phases) == 2:
+            ss, sg, gg = self.response(at.alpha, beta, dt)
+            response = [[ss, sg], [sg, gg]]
+        else:
+            response = [[dt / (self.laws.gas.density * np.ones(cells.faces))]]
+        blocked = feed.blocked and len(phases) == 2
+        carried = []
+        for row, phase, velocity in zip(response, phases, guess, strict=True):
+            flux = np.einsum("ni,ni->n", cells.mean(velocity), cells.area)
+            flux += cells.size * sum(r * gap for r, gap in zip(row, gaps, strict=True))
+            flux *= line.open
+            if line.has_inlet:
+                flux[line.inlet] = line.entering(feed.mean_velocity(phase.name))
+            if phase.name == "solids" and blocked:
+                flux[line.outlet] = 0.0
+            carried.append(flux)
+        if line.has_inlet and len(phases) == 2:
+            shares[0] = shares[0].copy()
+            shares[0][line.inlet] = feed.solids_fraction
+            shares[1] = 1 - shares[0]
+        total = sum(share * flux for share, flux in zip(shares, carried, strict=True))
+        # how each phase follows a difference of pressure
+        follow = [
+            sum(r * share for r, share in zip(row, shares, strict=True)) * cells.reach * line.open
+            for row in response
+        ]
+        if blocked:
+            follow[0][line.outlet] = 0.0
+        stiff = sum(share * part for share, part in zip(shares, follow, strict=True))
+        self._matrix.set([cells.add(stiff)], [(-stiff[inner], -stiff[inner])])
+        change = cells.whole(self._solve(-cells.sum(total), effort))
+        drop = np.zeros(cells.faces)
+        drop[inner] = change[cells.second] - change[cells.first[inner]]
+        drop[line.outlet] = -change[cells.first[line.outlet]]
+        total = self._close(total - stiff * drop)
+        corrected = [-part * drop for part in follow]
+        moved = [
+            cells.whole(velocity[: cells.owned] + line.reconstruct(flux / cells.size))
+            for velocity, flux in zip(guess, corrected, strict=True)
+        ]
+        found = replace(at, p=at.p + change, u_g=moved[-1], total=total)
+        if len(phases) == 1:
+            return found
+        p_s, pushed = phases[0].pressure, np.zeros(cells.faces)
+        pushed[inner] = -response[0][0][inner] * cells.reach[inner]
+        pushed[inner] *= p_s[cells.second] - p_s[cells.first[inner]]
+        return replace(
+            found,
+            u_s=moved[0],
+            carried=carried[0] + corrected[0],
+            gained=(carried[0] + corrected[0] - at.carried) / dt,
+            pushed=pushed,
+            response=response[0][0],
+        )
+
+    def _solve(self, rhs: Array, effort: dict[str, int]) -> Array:
+        """Change of pressure, by a multigrid that is kept for some steps."""
+        line, cells = self.line, self.line.cells
+        if not line.has_outlet:
+            rhs = rhs - cells.total(rhs) / cells.map.size_global
+        keep = self._age < MULTIGRID_AGE
+        zero = np.zeros(cells.owned)
+        enough = line.little(SMALL_PRESSURE * self.laws.gas.density * line.speed**2)
+        self._krylov.renew(keep)
+        try:
+            found = self._krylov.solve(rhs, zero, enough)
+        except SolverError:
+            if not keep:
+                raise
+            keep = False
+            self._krylov.renew(False)
+            found = self._krylov.solve(rhs, zero, enough)
+        effort["pressure"] = self._krylov.iterations
+        self._age = self._age + 1 if keep else 1
+        if self._krylov.iterations > MULTIGRID_EFFORT:
+            self._age = MULTIGRID_AGE
+        return found
+
+    def _close(self, total: Array) -> Array:
+        """Take what the linear solver left of the divergence out through the outlet."""
+        cells, outlet = self.line.cells, self.line.outlet
+        size = cells.size[outlet]
+        area = cells.total(size)
+        if area > 0:
+            total[outlet] -= cells.total(cells.sum(total)) * size / area
+        return total
+
+    def renew(self) -> None:
+        """Let the next step build its multigrid from nothing."""
+        self._age = MULTIGRID_AGE
+        self._krylov.forget()

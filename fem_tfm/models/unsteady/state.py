@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What the parts of a step of the unsteady flow hand on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from fem_tfm.errors import SolverError
+from fem_tfm.solvers.cells import Array
+
+# a phase that is not there moves as one of this fraction; a void has this granular temperature
+SMALLEST_FRACTION, SMALLEST_THETA = 1e-9, 1e-12
+# grains below this fraction are not faster than the gas
+LONELY_FRACTION = 1e-6
+# residual of the linear systems of transport over the right-hand side
+TRANSPORT_TOLERANCE = 1e-6
+
+
+class StepFailed(SolverError):
+    """A time step has no acceptable result; the state is the one before it."""
+
+
+@dataclass(frozen=True)
+class Feed:
+    """What enters and leaves at the end of a step.
+
+    gas_velocity : superficial [m/s]
+    solids_fraction, solids_velocity : of what enters [-], [m/s]
+    blocked : the outlet lets the gas pass and holds the solids
+    """
+
+    gas_velocity: float
+    solids_fraction: float = 0.0
+    solids_velocity: float = 0.0
+    blocked: bool = False
+
+    def mean_velocity(self, phase: str) -> float:
+        """Mean velocity with which a phase enters [m/s]."""
+        if phase == "solids":
+            return self.solids_velocity
+        return self.gas_velocity / (1 - self.solids_fraction)
+
+    def fraction(self, phase: str) -> float:
+        """Volume fraction of a phase in what enters [-]."""
+        return self.solids_fraction if phase == "solids" else 1 - self.solids_fraction
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a step took and where it led: effort, early warning.
+
+    iterations : of each equation
+    courant : largest share of a cell that leaves it in the step [-]
+    mass_error : relative errors of the masses of solids and gas since the start
+    """
+
+    iterations: Mapping[str, int]
+    max_alpha_s: float
+    max_theta: float
+    courant: float
+    mass_error: float
+
+
+@dataclass(frozen=True)
+class Moment:
+    """The state at one time; its arrays are replaced, never changed.
+
+    alpha, theta, p : solids fraction [-], granular temperature [m2/s2], pressure [Pa] in cells
+    u_s, u_g : velocities (cells, 3) [m/s]
+    total : volume flux of both phases through faces [m3/s]
+    carried : volume flux of the solids by u_s.S, its share that their pressure pushes is `pushed`
+    response : R_ss on faces, [m3 s/kg]
+    gained : what the last step has added to `carried`, in a second [m3/s2]
+    """
+
+    alpha: Array
+    theta: Array
+    p: Array
+    u_s: Array
+    u_g: Array
+    total: Array
+    carried: Array
+    pushed: Array
+    response: Array
+    gained: Array
+
+
+# names in a Moment, and whether a value on faces has their direction
+OF_CELLS = ("alpha", "theta", "p", "u_s", "u_g")
+OF_FACES = {"total": True, "carried": True, "pushed": True, "response": False, "gained": True}
+
+
+@dataclass
+class Masses:
+    """What has entered and left, for the balances [m3]."""
+
+    solids: float = 0.0
+    solids_in: float = 0.0
+    solids_net: float = 0.0
+    gas: float = 0.0
+    gas_in: float = 0.0
+    gas_net: float = 0.0
+
+
+@dataclass(frozen=True)
+class Rates:
+    """How the solids deform: gradient of u_s (cells, 3, 3), S:S and div u_s [1/s]."""
+
+    gradient: Array
+    shear: Array
+    dilation: Array
+
+
+@dataclass(frozen=True)
+class Moved:
+    """Solids moved by a step: what their fraction hands on.
+
+    alpha : solids fraction [-]
+    flux : volume flux of the solids through faces [m3/s]
+    pressure : p_s that has moved them [Pa]
+    dilation : div u_s of the velocities behind the flux [1/s]
+    """
+
+    alpha: Array
+    flux: Array
+    pressure: Array
+    dilation: Array
+
+
+@dataclass(frozen=True)
+class Phase:
+    """One phase in a step; arrays over all cells unless said otherwise.
+
+    fraction, before : alpha after and before the step
+    flux : volume flux (faces) [m3/s]
+    viscosity, bulk : of the whole phase [Pa s]
+    traction : friction of the faces of the wall [kg/s]
+    pressure : p_s [Pa], None for the gas
+    """
+
+    name: str
+    density: float
+    fraction: Array
+    before: Array
+    velocity: Array
+    flux: Array
+    viscosity: Array
+    bulk: Array
+    gradient: Array
+    traction: Array
+    pressure: Array | None
