@@ -8,6 +8,7 @@ import numpy as np
 from fem_tfm.models.unsteady.laws import CellLaws
 from fem_tfm.models.unsteady.line import Line
 from fem_tfm.models.unsteady.state import (
+    SLOPES,
     SMALLEST_FRACTION,
     TRANSPORT_TOLERANCE,
     Feed,
@@ -42,12 +43,12 @@ class Momenta:
 
     # -- the phases ----------------------------------------------------------------------------
 
-    def phases(self, at: Moment, old: Moment, moved: Moved | None, rates: Rates) -> list[Phase]:
-        """Coefficients of the phases, the gas last, with the fraction and Theta of `at`."""
-        gas = self._gas(at, old, moved)
-        return [gas] if moved is None else [self._solids(at, old, moved, rates), gas]
+    def phases(self, at: Moment, start: Moment, moved: Moved | None, rates: Rates) -> list[Phase]:
+        """Phases that step from `start`, the gas last, with coefficients of `at`."""
+        gas = self._gas(at, start, moved)
+        return [gas] if moved is None else [self._solids(at, start, moved, rates), gas]
 
-    def _solids(self, at: Moment, old: Moment, moved: Moved, rates: Rates) -> Phase:
+    def _solids(self, at: Moment, start: Moment, moved: Moved, rates: Rates) -> Phase:
         laws, line = self.laws, self.line
         grains = laws.grains(at.alpha, at.theta, rates)
         mu = grains.kinetic.shear_viscosity + grains.mu_f
@@ -62,8 +63,9 @@ class Momenta:
             name="solids",
             density=laws.solids.density,
             fraction=at.alpha,
-            before=old.alpha,
-            velocity=at.u_s,
+            before=start.alpha,
+            velocity=start.u_s,
+            expected=at.u_s,
             flux=moved.flux,
             viscosity=mu,
             bulk=grains.kinetic.bulk_viscosity,
@@ -72,12 +74,12 @@ class Momenta:
             pressure=moved.pressure,
         )
 
-    def _gas(self, at: Moment, old: Moment, moved: Moved | None) -> Phase:
+    def _gas(self, at: Moment, start: Moment, moved: Moved | None) -> Phase:
         laws, line, cells = self.laws, self.line, self.line.cells
         gradient = cells.whole(cells.gradient(at.u_g))
         void = 1 - at.alpha
         mu = void * laws.gas_viscosity(gradient, self._distance)
-        flux = old.total - (0.0 if moved is None else moved.flux)
+        flux = at.total - (0.0 if moved is None else moved.flux)
         flux[line.inlet] = 0.0
         edge, wall = cells.first[line.wall], line.wall
         if laws.walls.gas.strong:
@@ -90,8 +92,9 @@ class Momenta:
             name="gas",
             density=laws.gas.density,
             fraction=void,
-            before=1 - old.alpha,
-            velocity=at.u_g,
+            before=1 - start.alpha,
+            velocity=start.u_g,
+            expected=at.u_g,
             flux=flux,
             viscosity=mu,
             bulk=np.zeros_like(mu),
@@ -179,6 +182,7 @@ class Momenta:
             rhs = inertia[:, None] * phase.velocity[own]
             mass = phase.density * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
             rhs += (mass * line.volume)[:, None] * acceleration[own] + self._stress(phase)
+            rhs += feed.inside.force(phase.name) * line.volume[:, None]
             if line.has_wall:
                 cells.to_boundary("wall", diagonal, phase.traction)
             if line.has_inlet:
@@ -201,13 +205,28 @@ class Momenta:
         self._krylov.renew()
         found = np.empty((cells.owned, many, 3))
         start = np.stack([phase.velocity[own] for phase in phases], axis=1)
-        side = np.stack(sides, axis=1)
         effort["momentum"] = 0
         # the components share one measure: what is small across the pipe need not be sharper
         largest = max(cells.total(start[:, :, i] ** 2) for i in range(3)) ** 0.5
         enough = TRANSPORT_TOLERANCE * largest + line.little(SMALL_VELOCITY * line.speed)
-        for i in range(3):
-            x = self._krylov.solve(side[:, :, i].ravel(), start[:, :, i].ravel(), enough)
-            effort["momentum"] += self._krylov.iterations
-            found[:, :, i] = x.reshape(-1, many)
-        return [cells.whole(np.ascontiguousarray(found[:, k])) for k in range(many)]
+        velocities = None
+        for _ in range(SLOPES if line.order else 1):
+            side = np.stack(sides, axis=1)
+            if line.order:
+                side -= np.stack(self._beyond(phases, velocities), axis=1)
+            for i in range(3):
+                x = self._krylov.solve(side[:, :, i].ravel(), start[:, :, i].ravel(), enough)
+                effort["momentum"] += self._krylov.iterations
+                found[:, :, i] = x.reshape(-1, many)
+            start = found
+            velocities = [cells.whole(np.ascontiguousarray(found[:, k])) for k in range(many)]
+        return velocities
+
+    def _beyond(self, phases: list[Phase], velocities: list[Array] | None) -> list[Array]:
+        """What slopes in the cells, of `velocities` or of those foreseen, carry off."""
+        line, found = self.line, []
+        for k, phase in enumerate(phases):
+            flux = phase.density * phase.flux
+            given = (phase.expected, phase.gradient) if velocities is None else (velocities[k],)
+            found.append(line.cells.sum(line.beyond(flux, given[0], line.speed, *given[1:])))
+        return found
