@@ -16,7 +16,14 @@ from fem_tfm.mesh import Mesh
 from fem_tfm.models.unsteady.agitation import Agitation
 from fem_tfm.models.unsteady.fraction import SolidsFraction
 from fem_tfm.models.unsteady.laws import CellLaws
-from fem_tfm.models.unsteady.levels import Levels, Past, euler, second_order
+from fem_tfm.models.unsteady.levels import (
+    PAST_OF_CELLS,
+    PAST_OF_FACES,
+    Levels,
+    Past,
+    euler,
+    second_order,
+)
 from fem_tfm.models.unsteady.line import Line
 from fem_tfm.models.unsteady.momenta import Momenta
 from fem_tfm.models.unsteady.projection import Projection
@@ -161,7 +168,9 @@ class Flow3D:
         if moved is not None:
             passed, added = moved.passed, moved.added
         masses = self._balance(found, passed, added, feed, dt)
-        past = Past.of(self.now, dt, passed, added) if self.line.order else None
+        past = None
+        if self.line.order:
+            past = Past.of(self.now, dt, passed, cells.whole(added))
         return found, past, self._report(found, dt, effort, masses), masses
 
     def rates(self, at: Moment) -> Rates:
@@ -271,6 +280,12 @@ class Flow3D:
         found = {name: getattr(self.now, name)[own].copy() for name in OF_CELLS}
         for name, directed in OF_FACES.items():
             found[name] = cells.to_sides(getattr(self.now, name), directed)
+        if self.past is not None:
+            for name in PAST_OF_CELLS:
+                found[f"before_{name}"] = getattr(self.past, name)[own].copy()
+            for name in PAST_OF_FACES:
+                found[f"before_{name}"] = cells.to_sides(getattr(self.past, name))
+            found["before_dt"] = np.array(self.past.dt)
         found["time"], found["steps"] = np.array(self.time), np.array(self.steps)
         return found | {f"mass_{n}": np.array(v) for n, v in vars(self.masses).items()}
 
@@ -280,7 +295,12 @@ class Flow3D:
         found = {name: cells.whole(np.asarray(state[name])) for name in OF_CELLS}
         for name, directed in OF_FACES.items():
             found[name] = cells.from_sides(np.asarray(state[name]), directed)
-        self.now = Moment(**found)
+        self.now, self.past = Moment(**found), None
+        if self.line.order and "before_dt" in state:
+            given = {n: np.asarray(state[f"before_{n}"]) for n in (*PAST_OF_CELLS, *PAST_OF_FACES)}
+            found = {name: cells.whole(given[name]) for name in PAST_OF_CELLS}
+            found |= {name: cells.from_sides(given[name]) for name in PAST_OF_FACES}
+            self.past = Past(float(state["before_dt"]), **found)
         self.time, self.steps = float(state["time"]), int(state["steps"])
         names = (f.name for f in fields(Masses))
         self.masses = Masses(**{name: float(state[f"mass_{name}"]) for name in names})

@@ -37,7 +37,7 @@ class Past:
     """The time before the last step, and the step.
 
     dt : of the last step [s]
-    passed, added : volume fluxes [m3/s] and sources [1/s] of the solids in it
+    passed, added : volume fluxes (faces) [m3/s] and sources (cells) [1/s] of the solids in it
     others : as in `Moment`, before it
     """
 
@@ -57,6 +57,11 @@ class Past:
         """What is kept of a moment when a step has left it behind."""
         names = {f.name for f in fields(cls)} - {"dt", "passed", "added"}
         return cls(dt, passed, added, **{name: getattr(before, name) for name in names})
+
+
+# names in a Past besides its step; all values on faces have their direction
+PAST_OF_CELLS = ("added", "alpha", "theta", "u_s", "u_g")
+PAST_OF_FACES = ("passed", "total", "carried", "gained")
 
 
 @dataclass(frozen=True)
@@ -116,7 +121,8 @@ def second_order(line: Line, now: Moment, past: Past, dt: float, limit: float) -
     )
     span = dt - weight * dt
     trust = _steadiness(span * now.gained, now.carried, fluxes)
-    return Levels(span, start, expected, share, kept, weight * past.added, trust)
+    given = weight * past.added[line.own]
+    return Levels(span, start, expected, share, kept, given, trust)
 
 
 def _kept(line: Line, now: Moment, flux: Array, dt: float, limit: float) -> Array:
