@@ -147,7 +147,7 @@ class Flow3D:
         moved, rates, beta = None, None, np.zeros(cells.count)
         at = old
         if self.solids is not None:
-            rates = self.rates(old)
+            rates = self._expected_rates(levels)
             response = old.response
             if not self.steps:
                 response = self.projection.response(old.alpha, self._drag(old), dt)[0]
@@ -159,7 +159,7 @@ class Flow3D:
             theta = self.agitation.warm(old, start, moved, rates, span, feed, effort)
             at = replace(old, alpha=moved.alpha, theta=theta)
             beta = self._drag(at)
-        phases = self.momenta.phases(at, start, moved, rates)
+        phases = self.momenta.phases(at, levels, start, moved, rates)
         gaps, accelerated = self.momenta.forces(at, phases, feed)
         guess = self.momenta.solve(phases, beta, accelerated, span, feed, effort)
         at = replace(at, carried=start.carried)
@@ -173,12 +173,23 @@ class Flow3D:
             past = Past.of(self.now, dt, passed, cells.whole(added))
         return found, past, self._report(found, dt, effort, masses), masses
 
-    def rates(self, at: Moment) -> Rates:
-        """How the solids of a state deform, in all cells (collective)."""
+    def rates(self, u_s: Array, carried: Array) -> Rates:
+        """How solids deform, in all cells, from their velocity and volume flux (collective)."""
         cells = self.cells
-        gradient = cells.whole(cells.gradient(at.u_s))
-        dilation = cells.whole(cells.sum(at.carried) / self.line.volume)
+        gradient = cells.whole(cells.gradient(u_s))
+        dilation = cells.whole(cells.sum(carried) / self.line.volume)
         return self.laws.rates(gradient, dilation)
+
+    def _expected_rates(self, levels: Levels) -> Rates:
+        """Rates at the end of a step as far as they are foreseen; the gradient is that of now.
+
+        Stresses that the matrix does not hold would grow if they were extrapolated.
+        """
+        found = self.rates(levels.now.u_s, levels.expected.carried)
+        if levels.past is None:
+            return found
+        before = self.rates(levels.past.u_s, levels.past.carried)
+        return replace(found, shear=levels.grown(found.shear, before.shear))
 
     def _drag(self, at: Moment) -> Array:
         return self.laws.drag(at.alpha, at.u_g - at.u_s)

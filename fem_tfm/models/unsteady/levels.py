@@ -68,6 +68,8 @@ PAST_OF_FACES = ("passed", "total", "carried", "gained")
 class Levels:
     """What a step starts from.
 
+    now, past : state before the step, and what is known of the one before it
+    ratio : of this step and the last one
     start : state from which an implicit Euler step of `span` [s] ends where the method does
     expected : state at the end of the step as far as it is foreseen, for coefficients
     share, kept (faces) : the solids pass `share` times their flux at the end plus `kept` [m3/s]
@@ -75,6 +77,9 @@ class Levels:
     trust (faces) : share of the acceleration of faces that is carried on
     """
 
+    now: Moment
+    past: Past | None
+    ratio: float
     span: float
     start: Moment
     expected: Moment
@@ -83,11 +88,16 @@ class Levels:
     given: Array
     trust: Array
 
+    def grown(self, now: Array, before: Array) -> Array:
+        """A positive quantity at the end of the step from its values now and before."""
+        rise = np.clip(now / np.maximum(before, 1e-300), 1 / LARGEST_RISE, LARGEST_RISE)
+        return now * rise**self.ratio
+
 
 def euler(line: Line, now: Moment, dt: float) -> Levels:
     """Levels of an implicit Euler step."""
     zero, one = (np.broadcast_to(value, line.cells.faces) for value in (0.0, 1.0))
-    return Levels(dt, now, now, one, zero, np.broadcast_to(0.0, line.cells.owned), zero)
+    return Levels(now, None, 0.0, dt, now, now, one, zero, np.broadcast_to(0.0, line.cells.owned), zero)
 
 
 def second_order(line: Line, now: Moment, past: Past, dt: float, limit: float) -> Levels:
@@ -122,7 +132,7 @@ def second_order(line: Line, now: Moment, past: Past, dt: float, limit: float) -
     span = dt - weight * dt
     trust = _steadiness(span * now.gained, now.carried, fluxes)
     given = weight * past.added[line.own]
-    return Levels(span, start, expected, share, kept, given, trust)
+    return Levels(now, past, r, span, start, expected, share, kept, given, trust)
 
 
 def _kept(line: Line, now: Moment, flux: Array, dt: float, limit: float) -> Array:

@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from fem_tfm.models.unsteady.laws import CellLaws
+from fem_tfm.models.unsteady.levels import Levels
 from fem_tfm.models.unsteady.line import Line
 from fem_tfm.models.unsteady.state import (
     SLOPES,
@@ -43,12 +44,16 @@ class Momenta:
 
     # -- the phases ----------------------------------------------------------------------------
 
-    def phases(self, at: Moment, start: Moment, moved: Moved | None, rates: Rates) -> list[Phase]:
+    def phases(
+        self, at: Moment, levels: Levels, start: Moment, moved: Moved | None, rates: Rates
+    ) -> list[Phase]:
         """Phases that step from `start`, the gas last, with coefficients of `at`."""
-        gas = self._gas(at, start, moved)
-        return [gas] if moved is None else [self._solids(at, start, moved, rates), gas]
+        gas = self._gas(at, levels, start, moved)
+        return [gas] if moved is None else [self._solids(at, levels, start, moved, rates), gas]
 
-    def _solids(self, at: Moment, start: Moment, moved: Moved, rates: Rates) -> Phase:
+    def _solids(
+        self, at: Moment, levels: Levels, start: Moment, moved: Moved, rates: Rates
+    ) -> Phase:
         laws, line = self.laws, self.line
         grains = laws.grains(at.alpha, at.theta, rates)
         mu = grains.kinetic.shear_viscosity + grains.mu_f
@@ -65,7 +70,7 @@ class Momenta:
             fraction=at.alpha,
             before=start.alpha,
             velocity=start.u_s,
-            expected=at.u_s,
+            present=levels.now.u_s,
             flux=moved.flux,
             viscosity=mu,
             bulk=grains.kinetic.bulk_viscosity,
@@ -74,11 +79,15 @@ class Momenta:
             pressure=moved.pressure,
         )
 
-    def _gas(self, at: Moment, start: Moment, moved: Moved | None) -> Phase:
+    def _gas(self, at: Moment, levels: Levels, start: Moment, moved: Moved | None) -> Phase:
         laws, line, cells = self.laws, self.line, self.line.cells
-        gradient = cells.whole(cells.gradient(at.u_g))
+        gradient = cells.whole(cells.gradient(levels.now.u_g))
         void = 1 - at.alpha
-        mu = void * laws.gas_viscosity(gradient, self._distance)
+        mu = laws.gas_viscosity(gradient, self._distance)
+        if levels.past is not None:
+            before = cells.whole(cells.gradient(levels.past.u_g))
+            mu = levels.grown(mu, laws.gas_viscosity(before, self._distance))
+        mu = void * mu
         flux = at.total - (0.0 if moved is None else moved.flux)
         flux[line.inlet] = 0.0
         edge, wall = cells.first[line.wall], line.wall
@@ -94,7 +103,7 @@ class Momenta:
             fraction=void,
             before=1 - start.alpha,
             velocity=start.u_g,
-            expected=at.u_g,
+            present=levels.now.u_g,
             flux=flux,
             viscosity=mu,
             bulk=np.zeros_like(mu),
@@ -135,10 +144,10 @@ class Momenta:
             accelerated.append(vector)
         return gaps, accelerated
 
-    def _stress(self, phase: Phase) -> Array:
+    def _stress(self, phase: Phase, gradient: Array) -> Array:
         """What the implicit difference leaves of the viscous force on the owned cells [N]."""
         cells, inner = self.line.cells, self.line.inner
-        rate = cells.mean(phase.gradient.reshape(-1, 9)).reshape(-1, 3, 3)[inner]
+        rate = cells.mean(gradient.reshape(-1, 9)).reshape(-1, 3, 3)[inner]
         mu = cells.mean(phase.viscosity)[inner]
         bulk = cells.mean(phase.bulk)[inner] - 2 / 3 * mu
         area, trace = cells.area[inner], np.einsum("nii->n", rate)
@@ -170,7 +179,7 @@ class Momenta:
         line, cells, own, inner = self.line, self.line.cells, self.line.own, self.line.inner
         many = len(phases)
         coupling = beta[own] * line.volume
-        diagonals, across, sides = [], [], []
+        diagonals, across, sides, lagging = [], [], [], []
         for phase, acceleration in zip(phases, accelerated, strict=True):
             inertia = phase.density * np.maximum(phase.before[own], SMALLEST_FRACTION)
             inertia = inertia * line.volume / dt
@@ -181,7 +190,8 @@ class Momenta:
             diagonal = inertia + cells.sum_out(back, ahead) + cells.add(spread)
             rhs = inertia[:, None] * phase.velocity[own]
             mass = phase.density * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
-            rhs += (mass * line.volume)[:, None] * acceleration[own] + self._stress(phase)
+            lagging.append(self._lagging(phase, phase.present, phase.gradient))
+            rhs += (mass * line.volume)[:, None] * acceleration[own] + lagging[-1]
             rhs += feed.inside.force(phase.name) * line.volume[:, None]
             if line.has_wall:
                 cells.to_boundary("wall", diagonal, phase.traction)
@@ -209,11 +219,13 @@ class Momenta:
         # the components share one measure: what is small across the pipe need not be sharper
         largest = max(cells.total(start[:, :, i] ** 2) for i in range(3)) ** 0.5
         enough = TRANSPORT_TOLERANCE * largest + line.little(SMALL_VELOCITY * line.speed)
-        velocities = None
-        for _ in range(SLOPES if line.order else 1):
+        for turn in range(SLOPES if line.order else 1):
+            if turn:
+                for k, (phase, u) in enumerate(zip(phases, velocities, strict=True)):
+                    later = self._lagging(phase, u, cells.whole(cells.gradient(u)))
+                    sides[k] += later - lagging[k]
+                    lagging[k] = later
             side = np.stack(sides, axis=1)
-            if line.order:
-                side -= np.stack(self._beyond(phases, velocities), axis=1)
             for i in range(3):
                 x = self._krylov.solve(side[:, :, i].ravel(), start[:, :, i].ravel(), enough)
                 effort["momentum"] += self._krylov.iterations
@@ -222,11 +234,10 @@ class Momenta:
             velocities = [cells.whole(np.ascontiguousarray(found[:, k])) for k in range(many)]
         return velocities
 
-    def _beyond(self, phases: list[Phase], velocities: list[Array] | None) -> list[Array]:
-        """What slopes in the cells, of `velocities` or of those foreseen, carry off."""
-        line, found = self.line, []
-        for k, phase in enumerate(phases):
-            flux = phase.density * phase.flux
-            given = (phase.expected, phase.gradient) if velocities is None else (velocities[k],)
-            found.append(line.cells.sum(line.beyond(flux, given[0], line.speed, *given[1:])))
-        return found
+    def _lagging(self, phase: Phase, velocity: Array, gradient: Array) -> Array:
+        """Force on the owned cells that the matrix does not hold, of a known velocity [N]."""
+        line, found = self.line, self._stress(phase, gradient)
+        if not line.order:
+            return found
+        flux = phase.density * phase.flux
+        return found - line.cells.sum(line.beyond(flux, velocity, line.speed, gradient))

@@ -160,9 +160,9 @@ class Phase:
     """One phase in a step; arrays over all cells unless said otherwise.
 
     fraction, before : alpha after and before the step
-    velocity, expected : before the step, and foreseen at its end, for coefficients [m/s]
+    velocity, present : from which the step starts, and of now [m/s]
     flux : volume flux (faces) [m3/s]
-    gradient : of `expected` [1/s]
+    gradient : of `present` [1/s]
     viscosity, bulk : of the whole phase [Pa s]
     traction : friction of the faces of the wall [kg/s]
     pressure : p_s [Pa], None for the gas
@@ -173,7 +173,7 @@ class Phase:
     fraction: Array
     before: Array
     velocity: Array
-    expected: Array
+    present: Array
     flux: Array
     viscosity: Array
     bulk: Array
