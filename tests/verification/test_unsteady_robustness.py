@@ -36,8 +36,8 @@ def conveying(
     order: int, changes: dict[str, Any] | None = None, shear_deg: float = 0.0
 ) -> Flow3D:
     """Grains about to be fed into a duct of flowing gas."""
-    given = {**CONVEYING, "numerics.order": order, **(changes or {})}
-    found = flow(box(*MESH, "wwwwio", shear_deg=shear_deg), given)
+    mesh = box(*MESH, "wwwwio", shear_deg=shear_deg)
+    found = flow(mesh, {**CONVEYING, **(changes or {})}, order=order)
     found.start(1e-8)
     found.move(6.09 * AXIS, 6.43 * AXIS)
     return found

@@ -173,11 +173,11 @@ class Flow3D:
             past = Past.of(self.now, dt, passed, cells.whole(added))
         return found, past, self._report(found, dt, effort, masses), masses
 
-    def rates(self, u_s: Array, carried: Array) -> Rates:
-        """How solids deform, in all cells, from their velocity and volume flux (collective)."""
+    def rates(self, at: Moment | Past) -> Rates:
+        """How the solids of a state deform, in all cells (collective)."""
         cells = self.cells
-        gradient = cells.whole(cells.gradient(u_s))
-        dilation = cells.whole(cells.sum(carried) / self.line.volume)
+        gradient = cells.whole(cells.gradient(at.u_s))
+        dilation = cells.whole(cells.sum(at.carried) / self.line.volume)
         return self.laws.rates(gradient, dilation)
 
     def _expected_rates(self, levels: Levels) -> Rates:
@@ -185,11 +185,11 @@ class Flow3D:
 
         Stresses that the matrix does not hold would grow if they were extrapolated.
         """
-        found = self.rates(levels.now.u_s, levels.expected.carried)
+        found = self.rates(replace(levels.now, carried=levels.expected.carried))
         if levels.past is None:
             return found
-        before = self.rates(levels.past.u_s, levels.past.carried)
-        return replace(found, shear=levels.grown(found.shear, before.shear))
+        shear = levels.grown(found.shear, self.rates(levels.past).shear)
+        return replace(found, shear=shear)
 
     def _drag(self, at: Moment) -> Array:
         return self.laws.drag(at.alpha, at.u_g - at.u_s)
