@@ -507,6 +507,13 @@ class Numerics(Table):
     axial_cells: int | None = _key(
         None, "", "cells along an unsteady flow, default twice as long as wide", ge=1, le=1000000
     )
+    order: int = _key(
+        0,
+        "",
+        "of an unsteady flow, 0: upwind and implicit Euler, 1: second order in space and time",
+        ge=0,
+        le=1,
+    )
     end_time: float | None = _key(None, "s", "end of an unsteady flow", gt=0, le=1e6)
     courant: float = _key(
         1.0, "", "largest Courant number of an unsteady flow's steps", gt=0, le=1000

@@ -85,6 +85,8 @@ def case(mesh: Mesh, changes: Mapping[str, Any] | None = None, alone: bool = Fal
     return Case.from_dict(values).with_values(changes or {})
 
 
-def flow(mesh: Mesh, changes: Mapping[str, Any] | None = None, alone: bool = False) -> Flow3D:
+def flow(
+    mesh: Mesh, changes: Mapping[str, Any] | None = None, alone: bool = False, order: int = 0
+) -> Flow3D:
     """The flow of such a case, at rest."""
-    return Flow3D(case(mesh, changes, alone), mesh)
+    return Flow3D(case(mesh, {"numerics.order": order, **(changes or {})}, alone), mesh)

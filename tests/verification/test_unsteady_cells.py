@@ -56,6 +56,70 @@ def test_a_uniform_field_is_found_from_its_fluxes(shape: str) -> None:
     assert np.abs(cells.reconstruction(["inlet"])(normal) - SLOPE).max() < 1e-12
 
 
+@pytest.mark.parametrize("shape", SHAPES)
+def test_linear_fields_have_their_values_on_faces_from_both_sides(shape: str) -> None:
+    cells = cells_of(shape)
+    values = np.stack([cells.centre @ SLOPE, cells.centre @ SLOPE[::-1]], axis=1)
+    gradient = np.broadcast_to(np.stack([SLOPE, SLOPE[::-1]]), (cells.count, 2, 3))
+    inner = slice(0, cells.inner)
+    face = cells.middle[inner]
+    wanted = np.stack([face @ SLOPE, face @ SLOPE[::-1]], axis=1)
+    ahead, back = cells.rise(values, gradient, 0.0)
+    assert values[cells.first[inner]] + ahead == pytest.approx(wanted, abs=1e-12)
+    assert values[cells.second] + back == pytest.approx(wanted, abs=1e-12)
+    alone = cells.rise(values[:, 0], gradient[:, 0], 0.0)
+    assert alone[0] == pytest.approx(wanted[:, 0] - values[cells.first[inner], 0], abs=1e-12)
+
+
+def row_of(number: int) -> tuple[Cells, np.ndarray]:
+    """Cells in one row and their places along it."""
+    cells = Cells(box((1.0, 1.0, 1.0), (1, 1, number), "ssssio"), PARTS)
+    return cells, cells.centre[:, 2]
+
+
+def test_values_on_faces_of_a_front_stay_between_those_of_their_cells() -> None:
+    cells, z = row_of(12)
+    values = np.where(z < 0.4, 1.0, 0.0) + np.where(z > 0.7, 0.5, 0.0)
+    gradient = cells.whole(cells.gradient(values))
+    inner = slice(0, cells.inner)
+    sides = np.stack([values[cells.first[inner]], values[cells.second]])
+    for value, rise in zip(sides, cells.rise(values, gradient, 0.0), strict=True):
+        assert np.all(value + rise <= sides.max(axis=0) + 1e-12)
+        assert np.all(value + rise >= sides.min(axis=0) - 1e-12)
+
+
+def test_values_on_faces_of_a_wave_are_of_second_order() -> None:
+    errors = []
+    for number in (16, 32, 64):
+        cells, z = row_of(number)
+        values = np.sin(2 * np.pi * z)
+        gradient = cells.whole(cells.gradient(values))
+        ahead, _ = cells.rise(values, gradient, number**-1.5)
+        inner = slice(0, cells.inner)
+        face = np.sin(2 * np.pi * cells.middle[inner][:, 2])
+        wrong = values[cells.first[inner]] + ahead - face
+        errors.append(max(MPI.COMM_WORLD.allgather(np.abs(wrong).max(initial=0.0))))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert orders.min() > 1.8
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_reduced_fluxes_keep_cells_within_bounds_and_the_sum(shape: str) -> None:
+    cells = cells_of(shape)
+    flux = 5 * np.cos(7 * cells.middle @ SLOPE) * np.sign(cells.area @ SLOPE)
+    flux[cells.inner :] = 0.0
+    place = cells.centre[: cells.owned] @ SLOPE
+    loss, gain = np.abs(np.sin(place)), np.abs(np.cos(3 * place))
+    found = cells.within(flux, loss, gain)
+    change = -cells.sum(found)
+    assert np.all(change <= gain + 1e-12) and np.all(change >= -loss - 1e-12)
+    assert abs(cells.total(change)) < 1e-12
+    # some are reduced, none is turned or enlarged, and small ones are left alone
+    assert np.all(found * flux >= 0) and np.all(np.abs(found) <= np.abs(flux))
+    assert cells.largest(np.abs(found - flux)) > 0.1
+    assert np.array_equal(cells.within(1e-3 * flux, loss + 1, gain + 1), 1e-3 * flux)
+
+
 def twin_of(cells: Cells, velocity: Any) -> Any:
     """Upwind transport and difference across faces as a form over interior facets."""
     domain = cells.mesh.mesh

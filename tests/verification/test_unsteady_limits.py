@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 
 from fem_tfm.closures import make
 from fem_tfm.models.unsteady import Feed, Flow3D
+from fem_tfm.models.unsteady.levels import euler
 from fem_tfm.models.unsteady.state import Moved
 
 G = 9.81
@@ -39,7 +40,12 @@ def drag_of(found: Flow3D, alpha: float, slip: float) -> float:
     return found.case.closures.drag.beta(alpha, slip, found.gas, found.solids)
 
 
-def test_gas_between_plates_has_the_profile_of_poiseuille() -> None:
+@pytest.fixture(params=[0, 1], ids=["order0", "order1"])
+def order(request: pytest.FixtureRequest) -> int:
+    return request.param
+
+
+def test_gas_between_plates_has_the_profile_of_poiseuille(order: int) -> None:
     viscosity, speed, height = 0.01, 0.1, 0.01
     mesh = box((0.01, height, 0.05), (1, 40, 10), "sswwio")
     found = flow(
@@ -50,6 +56,7 @@ def test_gas_between_plates_has_the_profile_of_poiseuille() -> None:
             "walls.gas": "no-slip",
         },
         alone=True,
+        order=order,
     )
     found.move(np.zeros(3), np.array([0.0, 0.0, speed]))
     for _ in range(60):
@@ -63,9 +70,9 @@ def test_gas_between_plates_has_the_profile_of_poiseuille() -> None:
 
 
 @pytest.mark.parametrize("speed", [0.1, 1.0])
-def test_gas_through_a_fixed_bed_loses_what_ergun_says(speed: float) -> None:
+def test_gas_through_a_fixed_bed_loses_what_ergun_says(speed: float, order: int) -> None:
     # grains too heavy to be moved within the run
-    found = flow(box((0.02, 0.02, 0.1), (1, 1, 10)), {"solids.density": 25000.0})
+    found = flow(box((0.02, 0.02, 0.1), (1, 1, 10)), {"solids.density": 25000.0}, order=order)
     found.start(0.6)
     for _ in range(3):
         found.advance(1e-6, Feed(speed, blocked=True))
@@ -74,8 +81,8 @@ def test_gas_through_a_fixed_bed_loses_what_ergun_says(speed: float) -> None:
     assert -np.polyfit(z, p, 1)[0] == pytest.approx(beta * speed / 0.4**2, rel=1e-3)
 
 
-def test_a_bed_is_lifted_from_the_minimum_fluidisation_velocity_on() -> None:
-    found = flow(box((0.02, 0.02, 0.1), (1, 1, 10)), UPRIGHT)
+def test_a_bed_is_lifted_from_the_minimum_fluidisation_velocity_on(order: int) -> None:
+    found = flow(box((0.02, 0.02, 0.1), (1, 1, 10)), UPRIGHT, order=order)
     weight = 0.6 * (GRAINS["density"] - AIR["density"]) * G
     minimum = brentq(lambda u: drag_of(found, 0.6, u / 0.4) * u / 0.4**2 - weight, 1e-3, 10)
 
@@ -94,10 +101,12 @@ def test_a_bed_is_lifted_from_the_minimum_fluidisation_velocity_on() -> None:
 
 @pytest.mark.parametrize("alpha", [1e-8, 1e-3, 0.1, 0.3])
 @pytest.mark.parametrize("step", [0.2, 10.0])
-def test_grains_settle_at_their_terminal_velocity(alpha: float, step: float) -> None:
+def test_grains_settle_at_their_terminal_velocity(
+    alpha: float, step: float, order: int
+) -> None:
     speed = 1.0
     changes = {**UPRIGHT, "solids.diameter": 1e-4, "closures.drag": "wen-yu"}
-    found = flow(box((1.0, 1.0, 20.0), (1, 1, 10)), changes)
+    found = flow(box((1.0, 1.0, 20.0), (1, 1, 10)), changes, order=order)
     found.start(alpha)
     # gas and grains share the flux that enters from the start
     found.move(np.array([0, 0, speed]), np.array([0, 0, speed]))
@@ -112,9 +121,9 @@ def test_grains_settle_at_their_terminal_velocity(alpha: float, step: float) -> 
     assert u_g - u_s == pytest.approx(slip, rel=0.01)
 
 
-def test_a_settled_column_rests_on_its_own_pressure() -> None:
+def test_a_settled_column_rests_on_its_own_pressure(order: int) -> None:
     changes = {**UPRIGHT, "closures.friction": "berzi", "operation.gas_superficial_velocity": 0.1}
-    found = flow(box((0.01, 0.01, 0.1), (1, 1, 20), "sssswo"), changes)
+    found = flow(box((0.01, 0.01, 0.1), (1, 1, 20), "sssswo"), changes, order=order)
     found.start(np.where(found.cells.centre[:, 2] < 0.05, 0.55, 0.0))
     for _ in range(1000):
         found.advance(3e-4, Feed(0.0))
@@ -157,16 +166,16 @@ def test_sheared_grains_reach_the_temperature_of_the_closed_form(
     still, rest = np.zeros(found.cells.faces), np.zeros(found.cells.count)
     for _ in range(300):
         moving = replace(found.now, u_s=u_s, u_g=u_s)
-        moved, rates = Moved(moving.alpha, still, rest, rest), found.rates(moving)
-        theta = found.agitation.warm(moving, moved, rates, 5e-3, Feed(0.0), {})
+        moved, rates = Moved(moving.alpha, still, still, rest, rest, rest), found.rates(moving)
+        theta = found.agitation.warm(moving, moving, moved, rates, 5e-3, Feed(0.0), {})
         found.now = replace(found.now, theta=theta)
     assert found.now.theta == pytest.approx(wanted * scale, rel=0.01)
 
 
-def test_gas_without_grains_flows_as_gas_alone() -> None:
+def test_gas_without_grains_flows_as_gas_alone(order: int) -> None:
     mesh = box((0.02, 0.02, 0.1), (3, 4, 8), "wwwwio")
     changes = {"walls.gas": "no-slip", "closures.turbulence": "mixing-length"}
-    both, alone = flow(mesh, changes), flow(mesh, changes, alone=True)
+    both, alone = (flow(mesh, changes, alone, order) for alone in (False, True))
     for _ in range(20):
         for found in (both, alone):
             found.advance(2e-3, Feed(1.0))
@@ -190,8 +199,9 @@ def test_walls_slow_grains_as_their_law_says(law: str) -> None:
     state = laws.wall_state(now.alpha, now.theta, grains, slip, edge)
     friction = np.ravel(make("solids-wall", law).friction(state, found.solids))[0]
     rate = 4 * friction / (GRAINS["density"] * alpha * size)
-    moved = Moved(now.alpha, np.zeros(found.cells.faces), now.p, rest)
-    phases = found.momenta.phases(now, now, moved, rates)
+    still = np.zeros(found.cells.faces)
+    moved = Moved(now.alpha, still, still, rest, now.p, rest)
+    phases = found.momenta.phases(now, euler(found.line, now, dt), now, moved, rates)
     forces = [np.zeros_like(now.u_s)] * 2
     guess = found.momenta.solve(phases, rest, forces, dt, Feed(0.0), {})
     assert guess[0][:, 2] == pytest.approx(speed / (1 + rate * dt), rel=1e-6)

@@ -27,9 +27,17 @@ FEED = Feed(6.43, 0.245, 6.09)
 AXIS = np.array([0.0, 0.0, 1.0])
 
 
-def conveying(changes: dict[str, Any] | None = None, shear_deg: float = 0.0) -> Flow3D:
+@pytest.fixture(params=[0, 1], ids=["order0", "order1"])
+def order(request: pytest.FixtureRequest) -> int:
+    return request.param
+
+
+def conveying(
+    order: int, changes: dict[str, Any] | None = None, shear_deg: float = 0.0
+) -> Flow3D:
     """Grains about to be fed into a duct of flowing gas."""
-    found = flow(box(*MESH, "wwwwio", shear_deg=shear_deg), {**CONVEYING, **(changes or {})})
+    mesh = box(*MESH, "wwwwio", shear_deg=shear_deg)
+    found = flow(mesh, {**CONVEYING, **(changes or {})}, order=order)
     found.start(1e-8)
     found.move(6.09 * AXIS, 6.43 * AXIS)
     return found
@@ -50,22 +58,22 @@ def run(found: Flow3D, dt: float, steps: int, feed: Feed) -> float:
 
 
 @pytest.mark.parametrize("dt", [1e-4, 4e-3])
-def test_a_front_enters_an_empty_duct(dt: float) -> None:
-    found = conveying()
+def test_a_front_enters_an_empty_duct(order: int, dt: float) -> None:
+    found = conveying(order)
     courant = run(found, dt, 40, FEED)
     assert dt < 1e-3 or courant > 5
     assert found.now.alpha.max() > 0.2
 
 
 @pytest.mark.parametrize("friction", ["dartevelle", "srivastava-sundaresan", "johnson-jackson"])
-def test_every_friction_carries_a_bed_under_gas(friction: str) -> None:
-    found = conveying({"closures.friction": friction})
+def test_every_friction_carries_a_bed_under_gas(order: int, friction: str) -> None:
+    found = conveying(order, {"closures.friction": friction})
     found.start(np.where(found.cells.centre[:, 1] < -0.0025, 0.6, 1e-8))
     run(found, 5e-4, 20, Feed(6.43))
 
 
-def test_a_plug_is_hit_by_gas() -> None:
-    found = conveying()
+def test_a_plug_is_hit_by_gas(order: int) -> None:
+    found = conveying(order)
     z = found.cells.centre[:, 2]
     found.start(np.where((z > 0.03) & (z < 0.05), 0.6, 1e-8))
     found.move(1.0 * AXIS, 6.0 * AXIS)
@@ -73,23 +81,23 @@ def test_a_plug_is_hit_by_gas() -> None:
 
 
 @pytest.mark.parametrize("dt", [2e-4, 1e-3])
-def test_a_blocked_outlet_packs_the_duct(dt: float) -> None:
-    found = conveying()
+def test_a_blocked_outlet_packs_the_duct(order: int, dt: float) -> None:
+    found = conveying(order)
     found.move(0.6 * AXIS, 0.6 * AXIS)
     run(found, dt, round(0.1 / dt), Feed(0.6, 0.3, 0.6, blocked=True))
     assert found.now.alpha.max() > 0.5
 
 
-def test_nearly_elastic_grains() -> None:
-    run(conveying({"solids.restitution": 0.99}), 2e-4, 40, FEED)
+def test_nearly_elastic_grains(order: int) -> None:
+    run(conveying(order, {"solids.restitution": 0.99}), 2e-4, 40, FEED)
 
 
-def test_sheared_cells_carry_a_front() -> None:
-    run(conveying(shear_deg=30.0), 2e-4, 40, FEED)
+def test_sheared_cells_carry_a_front(order: int) -> None:
+    run(conveying(order, shear_deg=30.0), 2e-4, 40, FEED)
 
 
-def test_a_failed_step_changes_nothing() -> None:
-    found = conveying()
+def test_a_failed_step_changes_nothing(order: int) -> None:
+    found = conveying(order)
     run(found, 1e-4, 3, FEED)
     now, time = found.now, found.time
     with pytest.raises(StepFailed):
@@ -98,12 +106,12 @@ def test_a_failed_step_changes_nothing() -> None:
     run(found, 1e-4, 1, FEED)
 
 
-def test_a_restored_state_goes_on_bit_for_bit() -> None:
-    found = conveying()
+def test_a_restored_state_goes_on_bit_for_bit(order: int) -> None:
+    found = conveying(order)
     run(found, 1e-4, 5, FEED)
     state = found.state()
     run(found, 1e-4, 5, FEED)
-    other = conveying()
+    other = conveying(order)
     other.restore(state)
     run(other, 1e-4, 5, FEED)
     assert other.time == found.time

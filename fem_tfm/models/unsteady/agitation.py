@@ -12,6 +12,7 @@ from fem_tfm.models.unsteady.laws import CellLaws, Grains
 from fem_tfm.models.unsteady.line import Line
 from fem_tfm.models.unsteady.state import (
     LONELY_FRACTION,
+    SLOPES,
     SMALLEST_FRACTION,
     SMALLEST_THETA,
     TRANSPORT_TOLERANCE,
@@ -41,13 +42,16 @@ class Agitation:
     def warm(
         self,
         old: Moment,
+        start: Moment,
         moved: Moved,
         rates: Rates,
         dt: float,
         feed: Feed,
         effort: dict[str, int],
     ) -> Array:
-        """Granular temperature after the step [m2/s2] (collective).
+        """Granular temperature after a step from `start` [m2/s2] (collective).
+
+        old : state of which coefficients are taken
 
         Raises
         ------
@@ -58,13 +62,17 @@ class Agitation:
         # dense grains heat up thousandfold faster than they are compressed: what only one of two
         # steps compresses would drive waves of their pressure
         dilation = np.maximum(moved.dilation, rates.dilation)
+        if line.order:
+            # what both compress is compressed as the step says
+            both = (moved.dilation < 0) & (rates.dilation < 0)
+            dilation = np.where(both | (moved.dilation > 0), moved.dilation, dilation)
         grains = laws.grains(alpha, old.theta, replace(rates, dilation=dilation))
         beta = laws.drag(alpha, old.u_g - old.u_s)
         if laws.laws.theta == "algebraic":
             return laws.balanced_theta(alpha, grains, rates.shear, beta)
         own, inner, k = line.own, line.inner, grains.kinetic
         density = laws.solids.density
-        mass = 1.5 * density * np.maximum(old.alpha[own], SMALLEST_FRACTION)
+        mass = 1.5 * density * np.maximum(start.alpha[own], SMALLEST_FRACTION)
         inertia = mass * line.volume / dt
         work = 2 * k.shear_viscosity * rates.shear + k.bulk_viscosity * dilation**2
         if laws.laws.friction_feeds_theta:
@@ -72,13 +80,15 @@ class Agitation:
         unit = k.pressure / old.theta * dilation
         sink = k.dissipation / old.theta + 3 * beta + np.maximum(unit, 0.0)
         gain = work + np.maximum(-unit, 0.0) * old.theta
+        energy = feed.inside.energy
         spread = cells.mean(k.conductivity) * cells.reach
         spread[cells.inner :] = 0.0
         flux = 1.5 * density * moved.flux
         ahead, back = np.maximum(flux, 0.0), np.maximum(-flux, 0.0)
         inflow = cells.sum_out(back, ahead)
         diagonal = inertia + sink[own] * line.volume + inflow + cells.add(spread)
-        rhs = inertia * old.theta[own] + gain[own] * line.volume
+        diagonal += np.maximum(-energy, 0.0) / old.theta[own] * line.volume
+        rhs = inertia * start.theta[own] + (gain[own] + np.maximum(energy, 0.0)) * line.volume
         if line.has_inlet:
             entering = back[line.inlet] * (self._intensity * feed.solids_velocity) ** 2
             cells.to_boundary("inlet", rhs, entering)
@@ -89,8 +99,17 @@ class Agitation:
             cells.to_boundary("wall", diagonal, np.maximum(-heat, 0.0) / old.theta[edge])
         self.matrix.set([diagonal], [(-(back + spread)[inner], -(ahead + spread)[inner])])
         self._krylov.renew()
-        found = self._krylov.solve(rhs, old.theta[own])
-        effort["theta"] = self._krylov.iterations
+        found, effort["theta"] = old.theta, 0
+        for _ in range(SLOPES if line.order else 1):
+            side = rhs
+            if line.order:
+                # no more than what is there leaves by slopes
+                beyond = line.beyond(flux, found, cells.mean(found)[inner])
+                beyond = cells.within(beyond, 0.5 * rhs, np.full(cells.owned, np.inf))
+                side = rhs - cells.sum(beyond)
+            found = cells.whole(self._krylov.solve(side, found[own]))
+            effort["theta"] += self._krylov.iterations
+        found = found[own]
         # grains that are all but alone do not fly faster than the gas
         alone = alpha[own] < LONELY_FRACTION
         found[alone] = np.minimum(found[alone], line.speed**2)

@@ -16,6 +16,14 @@ from fem_tfm.mesh import Mesh
 from fem_tfm.models.unsteady.agitation import Agitation
 from fem_tfm.models.unsteady.fraction import SolidsFraction
 from fem_tfm.models.unsteady.laws import CellLaws
+from fem_tfm.models.unsteady.levels import (
+    PAST_OF_CELLS,
+    PAST_OF_FACES,
+    Levels,
+    Past,
+    euler,
+    second_order,
+)
 from fem_tfm.models.unsteady.line import Line
 from fem_tfm.models.unsteady.momenta import Momenta
 from fem_tfm.models.unsteady.projection import Projection
@@ -46,7 +54,7 @@ class Flow3D:
     ----------
     line, laws : mesh and coefficients
     fraction, agitation, momenta, projection : parts of a step; the first two only with solids
-    now : state
+    now, past : state, and what a step of second order takes from the one before it
     """
 
     def __init__(self, case: Case, mesh: Mesh) -> None:
@@ -80,6 +88,7 @@ class Flow3D:
             response=flux,
             gained=flux,
         )
+        self.past: Past | None = None
         self.time, self.steps = 0.0, 0
         self._count_masses()
 
@@ -116,56 +125,91 @@ class Flow3D:
             a solver did not converge or a value left its bounds; nothing has changed.
         """
         try:
-            found, report, masses = self._step(dt, feed)
+            found, past, report, masses = self._step(self._levels(dt), dt, feed)
         except (SolverError, FloatingPointError, np.linalg.LinAlgError) as error:
             raise StepFailed(str(error)) from error
-        self.now, self.masses = found, masses
+        self.now, self.past, self.masses = found, past, masses
         self.time += dt
         self.steps += 1
         return report
 
-    def _step(self, dt: float, feed: Feed) -> tuple[Moment, Report, Masses]:
-        old, cells, effort = self.now, self.cells, {}
-        at, moved, rates, beta = old, None, None, np.zeros(cells.count)
+    def _levels(self, dt: float) -> Levels:
+        if self.past is None:
+            return euler(self.line, self.now, dt)
+        limit = 1.0 if self.solids is None else self.solids.packing_limit
+        return second_order(self.line, self.now, self.past, dt, limit)
+
+    def _step(
+        self, levels: Levels, dt: float, feed: Feed
+    ) -> tuple[Moment, Past | None, Report, Masses]:
+        old, start, span = levels.expected, levels.start, levels.span
+        cells, effort = self.cells, {}
+        moved, rates, beta = None, None, np.zeros(cells.count)
+        at = old
         if self.solids is not None:
-            rates = self.rates(old)
+            rates = self._expected_rates(levels)
             response = old.response
             if not self.steps:
                 response = self.projection.response(old.alpha, self._drag(old), dt)[0]
-            moved = self.fraction.move(old, response, rates, dt, feed, effort)
-            theta = self.agitation.warm(old, moved, rates, dt, feed, effort)
+            moved = self.fraction.move(levels, response, rates, dt, feed, effort)
+            if self.past is not None:
+                lost = cells.sum(moved.flux) / self.line.volume - feed.inside.solids
+                before = moved.alpha[: cells.owned] + span * lost
+                start = replace(start, alpha=cells.whole(np.clip(before, 0.0, 1.0)))
+            theta = self.agitation.warm(old, start, moved, rates, span, feed, effort)
             at = replace(old, alpha=moved.alpha, theta=theta)
             beta = self._drag(at)
-        phases = self.momenta.phases(at, old, moved, rates)
+        phases = self.momenta.phases(at, levels, start, moved, rates)
         gaps, accelerated = self.momenta.forces(at, phases, feed)
-        guess = self.momenta.solve(phases, beta, accelerated, dt, feed, effort)
-        found = self.projection.project(at, phases, beta, guess, gaps, dt, feed, effort)
-        through = np.zeros(cells.faces) if moved is None else moved.flux
-        masses = self._balance(found, through, dt)
-        return found, self._report(found, dt, effort, masses), masses
+        guess = self.momenta.solve(phases, beta, accelerated, span, feed, effort)
+        at = replace(at, carried=start.carried)
+        found = self.projection.project(at, phases, beta, guess, gaps, span, feed, effort)
+        passed, added = np.zeros(cells.faces), np.zeros(cells.owned)
+        if moved is not None:
+            passed, added = moved.passed, moved.added
+        masses = self._balance(found, passed, added, feed, dt)
+        past = None
+        if self.line.order:
+            past = Past.of(self.now, dt, passed, cells.whole(added))
+        return found, past, self._report(found, dt, effort, masses), masses
 
-    def rates(self, at: Moment) -> Rates:
+    def rates(self, at: Moment | Past) -> Rates:
         """How the solids of a state deform, in all cells (collective)."""
         cells = self.cells
         gradient = cells.whole(cells.gradient(at.u_s))
         dilation = cells.whole(cells.sum(at.carried) / self.line.volume)
         return self.laws.rates(gradient, dilation)
 
+    def _expected_rates(self, levels: Levels) -> Rates:
+        """Rates at the end of a step as far as they are foreseen; the gradient is that of now.
+
+        Stresses that the matrix does not hold would grow if they were extrapolated.
+        """
+        found = self.rates(replace(levels.now, carried=levels.expected.carried))
+        if levels.past is None:
+            return found
+        shear = levels.grown(found.shear, self.rates(levels.past).shear)
+        return replace(found, shear=shear)
+
     def _drag(self, at: Moment) -> Array:
         return self.laws.drag(at.alpha, at.u_g - at.u_s)
 
     # -- what others read ----------------------------------------------------------------------
 
-    def _balance(self, found: Moment, through: Array, dt: float) -> Masses:
-        """Masses with what this step has carried over the boundary."""
+    def _balance(self, found: Moment, passed: Array, added: Array, feed: Feed, dt: float) -> Masses:
+        """Masses with what this step has carried over the boundary and put into cells."""
         cells, edge = self.cells, slice(self.cells.inner, None)
-        gas = found.total - through
+        volume = self.line.volume
+        grown = (feed.inside.solids + feed.inside.gas) * volume
         gained = {}
-        for name, flux in (("solids", through[edge]), ("gas", gas[edge])):
-            gained[f"{name}_in"] = getattr(self.masses, f"{name}_in") + dt * cells.total(
-                np.maximum(-flux, 0.0)
-            )
-            gained[f"{name}_net"] = getattr(self.masses, f"{name}_net") - dt * cells.total(flux)
+        for name, flux, inside in (
+            ("solids", passed[edge], added * volume),
+            ("gas", (found.total - passed)[edge], grown - added * volume),
+        ):
+            entered = cells.total(np.maximum(-flux, 0.0)) + cells.total(np.maximum(inside, 0.0))
+            net = cells.total(inside) - cells.total(flux)
+            gained[f"{name}_in"] = getattr(self.masses, f"{name}_in") + dt * entered
+            gained[f"{name}_net"] = getattr(self.masses, f"{name}_net") + dt * net
         return replace(self.masses, **gained)
 
     def _report(self, found: Moment, dt: float, effort: dict[str, int], masses: Masses) -> Report:
@@ -247,6 +291,12 @@ class Flow3D:
         found = {name: getattr(self.now, name)[own].copy() for name in OF_CELLS}
         for name, directed in OF_FACES.items():
             found[name] = cells.to_sides(getattr(self.now, name), directed)
+        if self.past is not None:
+            for name in PAST_OF_CELLS:
+                found[f"before_{name}"] = getattr(self.past, name)[own].copy()
+            for name in PAST_OF_FACES:
+                found[f"before_{name}"] = cells.to_sides(getattr(self.past, name))
+            found["before_dt"] = np.array(self.past.dt)
         found["time"], found["steps"] = np.array(self.time), np.array(self.steps)
         return found | {f"mass_{n}": np.array(v) for n, v in vars(self.masses).items()}
 
@@ -256,7 +306,12 @@ class Flow3D:
         found = {name: cells.whole(np.asarray(state[name])) for name in OF_CELLS}
         for name, directed in OF_FACES.items():
             found[name] = cells.from_sides(np.asarray(state[name]), directed)
-        self.now = Moment(**found)
+        self.now, self.past = Moment(**found), None
+        if self.line.order and "before_dt" in state:
+            given = {n: np.asarray(state[f"before_{n}"]) for n in (*PAST_OF_CELLS, *PAST_OF_FACES)}
+            found = {name: cells.whole(given[name]) for name in PAST_OF_CELLS}
+            found |= {name: cells.from_sides(given[name]) for name in PAST_OF_FACES}
+            self.past = Past(float(state["before_dt"]), **found)
         self.time, self.steps = float(state["time"]), int(state["steps"])
         names = (f.name for f in fields(Masses))
         self.masses = Masses(**{name: float(state[f"mass_{name}"]) for name in names})

@@ -7,12 +7,15 @@ import numpy as np
 
 from fem_tfm.errors import SolverError
 from fem_tfm.models.unsteady.laws import CellLaws
+from fem_tfm.models.unsteady.levels import Levels
 from fem_tfm.models.unsteady.line import Line
-from fem_tfm.models.unsteady.state import Feed, Moment, Moved, Rates
+from fem_tfm.models.unsteady.state import SLOPES, Feed, Moved, Rates
 from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
 
 # relative residual, change and iterations of Newton's method
 RESIDUAL, CHANGE, ITERATIONS = 1e-10, 1e-12, 40
+# share of the way to a bound of the fraction that slopes may take a cell
+MOST_OF_ROOM = 0.5
 # residual of its linear systems over the right-hand side: a step of the method needs little
 LINEAR_TOLERANCE = 1e-4
 
@@ -33,7 +36,7 @@ class SolidsFraction:
 
     def move(
         self,
-        old: Moment,
+        levels: Levels,
         response: Array,
         rates: Rates,
         dt: float,
@@ -50,9 +53,11 @@ class SolidsFraction:
         SolverError
             Newton's method fails or the fraction leaves its bounds.
         """
+        old, theta = levels.start, levels.expected.theta
         line, cells, limit = self.line, self.line.cells, self.laws.solids.packing_limit
         inner, edge = line.inner, slice(cells.inner, None)
-        push = (response * cells.reach)[inner]
+        share = levels.share
+        push = (share * response * cells.reach)[inner]
         first, second = cells.first[inner], cells.second
         rate = line.volume / dt
         ahead, back, ties = (np.zeros(cells.faces) for _ in range(3))
@@ -60,7 +65,7 @@ class SolidsFraction:
         w = alpha / (limit - alpha)
 
         def pressure(alpha: Array) -> Array:
-            return self.laws.solids_pressure(alpha, old.theta, rates)
+            return self.laws.solids_pressure(alpha, theta, rates)
 
         def stiffness(w: Array, p_s: Array) -> Array:
             step = 1e-7 * (1 + w)
@@ -78,13 +83,18 @@ class SolidsFraction:
         )
         sound = np.max(cells.exchange(sound / limit)[np.stack([first, second])], axis=0)
         flux = old.carried - old.pushed
-        flux[inner] += sound / (1 + sound) * dt * old.gained[inner]
+        carried_on = np.maximum(sound / (1 + sound), levels.trust[inner])
+        flux[inner] += carried_on * levels.span * old.gained[inner]
         flux[line.inlet] = 0.0
         if feed.blocked:
             flux[line.outlet] = 0.0
         flux[line.outlet] = np.maximum(flux[line.outlet], 0.0)
+        flux *= share
         ahead[edge] = np.maximum(flux[edge], 0.0)
         entering = line.entering(feed.solids_velocity) * feed.solids_fraction
+        entering = entering * share[line.inlet]
+        beyond = np.zeros(cells.faces)
+        added = levels.span / dt * feed.inside.solids + levels.given
 
         def fluxes(alpha: Array, p_s: Array) -> Array:
             # upwind by what the pressure leaves of the flux: grains at rest do not creep
@@ -94,12 +104,16 @@ class SolidsFraction:
             found[inner] = ahead[inner] * alpha[first] - back[inner] * alpha[second]
             found[edge] = ahead[edge] * alpha[self._edges]
             found[line.inlet] = entering
-            return found
+            return found + levels.kept
 
         for iteration in range(1, ITERATIONS + 1):
             effort["solids fraction"] = iteration
             through = fluxes(alpha, p_s)
+            if line.order and iteration <= SLOPES:
+                beyond = self._beyond(ahead - back, alpha, old.alpha, levels.kept, rate)
+            through += beyond
             residual = rate * (alpha[: cells.owned] - old.alpha[: cells.owned]) + cells.sum(through)
+            residual -= added * line.volume
             worst = cells.largest(np.abs(residual) / rate)
             if not np.isfinite(worst):
                 raise SolverError("the solids fraction is not finite")
@@ -126,17 +140,29 @@ class SolidsFraction:
             alpha = limit * w / (1 + w)
             p_s = pressure(alpha)
             if cells.largest(np.abs(change) * slope[: cells.owned]) < CHANGE:
-                through = fluxes(alpha, p_s)
+                through = fluxes(alpha, p_s) + beyond
                 break
             stiff = stiffness(w, p_s)
         else:
             raise SolverError("Newton's method of the solids fraction does not converge")
-        alpha = old.alpha[: cells.owned] - cells.sum(through) / rate
+        alpha = old.alpha[: cells.owned] - cells.sum(through) / rate + dt * added
         # round-off may leave an emptied cell below zero
         lowest = -cells.largest(-alpha)
         if lowest < -1e-9 or cells.largest(alpha) >= limit:
             raise SolverError("the solids fraction leaves its bounds")
         moved = np.where(np.arange(cells.faces) < cells.inner, ahead - back, flux)
+        moved = moved / share
         moved[line.inlet] = line.entering(feed.solids_velocity)
         dilation = cells.whole(cells.sum(moved) / line.volume)
-        return Moved(cells.whole(alpha), through, p_s, dilation)
+        flux = (through - levels.kept) / share
+        return Moved(cells.whole(alpha), flux, through, added, p_s, dilation)
+
+    def _beyond(
+        self, moved: Array, alpha: Array, before: Array, kept: Array, rate: Array
+    ) -> Array:
+        """What slopes in the cells add to the upwind fluxes, within the bounds of the fraction."""
+        line, cells = self.line, self.line.cells
+        found = line.beyond(moved, alpha, cells.mean(alpha)[line.inner])
+        held = before[line.own] - cells.sum(kept) / rate
+        room = self.laws.solids.packing_limit - held
+        return cells.within(found, MOST_OF_ROOM * rate * held, MOST_OF_ROOM * rate * room)

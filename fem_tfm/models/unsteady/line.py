@@ -10,6 +10,8 @@ from fem_tfm.feed import power_law
 from fem_tfm.mesh import Mesh
 from fem_tfm.solvers.cells import Array, Cells
 
+# differences below this share of a scale, for cells as wide as the line, are not limited
+SMOOTH = 0.3
 PARTS = ("inlet", "outlet", "wall", "symmetry")
 
 
@@ -32,11 +34,12 @@ class Line:
     normal (faces, 3), normal_slope (faces) : unit normal; 1/distance along it [1/m]
     open (faces) : 1 on faces that a phase can pass without being fed, else 0
     profile : normal velocity of what enters over its mean, on the faces of the inlet [-]
+    order : 0, upwind, or 1, limited linear
     speed, width : scales of the flow [m/s], [m]
     """
 
     def __init__(self, case: Case, mesh: Mesh) -> None:
-        self.mesh = mesh
+        self.mesh, self.order = mesh, case.numerics.order
         self.cells = cells = Cells(mesh, [name for name in PARTS if name in mesh.tags])
         self.speed = case.operation.gas_superficial_velocity
         self.width = case.geometry.hydraulic_diameter
@@ -54,6 +57,9 @@ class Line:
         self.open[self.outlet] = 1.0
         self.reconstruct = cells.reconstruction(["inlet"] if self.has_inlet else [])
         self.profile = self._inlet_profile(case)
+        # extrema of smooth values are lower than this in fine cells
+        reach = np.linalg.norm(cells.apart[: cells.inner], axis=1)
+        self._small = SMOOTH * (reach / self.width) ** 1.5
 
     def _inlet_profile(self, case: Case) -> Array:
         cells = self.cells
@@ -68,6 +74,24 @@ class Line:
     def entering(self, mean: float) -> Array:
         """Volume flux into the domain at a mean velocity, negative as it enters [m3/s]."""
         return -mean * self.profile * self.cells.size[self.inlet]
+
+    def beyond(
+        self, flux: Array, values: Array, scale: Array | float, gradient: Array | None = None
+    ) -> Array:
+        """What linear values in cells add to an upwind flux of `values` (collective).
+
+        flux (faces) : what carries the values
+        scale (inner) : of the values
+        gradient (cells, ..., 3) : of the values, found here without it
+        """
+        cells, inner = self.cells, self.inner
+        if gradient is None:
+            gradient = cells.whole(cells.gradient(values))
+        ahead, back = cells.rise(values, gradient, scale * self._small)
+        flux = flux[inner].reshape(-1, *(1,) * (values.ndim - 1))
+        found = np.zeros((cells.faces, *values.shape[1:]))
+        found[inner] = flux * np.where(flux > 0, ahead, back)
+        return found
 
     def little(self, value: float) -> float:
         """Norm of a vector with `value` in every cell."""

@@ -6,8 +6,10 @@ from __future__ import annotations
 import numpy as np
 
 from fem_tfm.models.unsteady.laws import CellLaws
+from fem_tfm.models.unsteady.levels import Levels
 from fem_tfm.models.unsteady.line import Line
 from fem_tfm.models.unsteady.state import (
+    SLOPES,
     SMALLEST_FRACTION,
     TRANSPORT_TOLERANCE,
     Feed,
@@ -42,12 +44,16 @@ class Momenta:
 
     # -- the phases ----------------------------------------------------------------------------
 
-    def phases(self, at: Moment, old: Moment, moved: Moved | None, rates: Rates) -> list[Phase]:
-        """Coefficients of the phases, the gas last, with the fraction and Theta of `at`."""
-        gas = self._gas(at, old, moved)
-        return [gas] if moved is None else [self._solids(at, old, moved, rates), gas]
+    def phases(
+        self, at: Moment, levels: Levels, start: Moment, moved: Moved | None, rates: Rates
+    ) -> list[Phase]:
+        """Phases that step from `start`, the gas last, with coefficients of `at`."""
+        gas = self._gas(at, levels, start, moved)
+        return [gas] if moved is None else [self._solids(at, levels, start, moved, rates), gas]
 
-    def _solids(self, at: Moment, old: Moment, moved: Moved, rates: Rates) -> Phase:
+    def _solids(
+        self, at: Moment, levels: Levels, start: Moment, moved: Moved, rates: Rates
+    ) -> Phase:
         laws, line = self.laws, self.line
         grains = laws.grains(at.alpha, at.theta, rates)
         mu = grains.kinetic.shear_viscosity + grains.mu_f
@@ -62,8 +68,9 @@ class Momenta:
             name="solids",
             density=laws.solids.density,
             fraction=at.alpha,
-            before=old.alpha,
-            velocity=at.u_s,
+            before=start.alpha,
+            velocity=start.u_s,
+            present=levels.now.u_s,
             flux=moved.flux,
             viscosity=mu,
             bulk=grains.kinetic.bulk_viscosity,
@@ -72,12 +79,16 @@ class Momenta:
             pressure=moved.pressure,
         )
 
-    def _gas(self, at: Moment, old: Moment, moved: Moved | None) -> Phase:
+    def _gas(self, at: Moment, levels: Levels, start: Moment, moved: Moved | None) -> Phase:
         laws, line, cells = self.laws, self.line, self.line.cells
-        gradient = cells.whole(cells.gradient(at.u_g))
+        gradient = cells.whole(cells.gradient(levels.now.u_g))
         void = 1 - at.alpha
-        mu = void * laws.gas_viscosity(gradient, self._distance)
-        flux = old.total - (0.0 if moved is None else moved.flux)
+        mu = laws.gas_viscosity(gradient, self._distance)
+        if levels.past is not None:
+            before = cells.whole(cells.gradient(levels.past.u_g))
+            mu = levels.grown(mu, laws.gas_viscosity(before, self._distance))
+        mu = void * mu
+        flux = at.total - (0.0 if moved is None else moved.flux)
         flux[line.inlet] = 0.0
         edge, wall = cells.first[line.wall], line.wall
         if laws.walls.gas.strong:
@@ -90,8 +101,9 @@ class Momenta:
             name="gas",
             density=laws.gas.density,
             fraction=void,
-            before=1 - old.alpha,
-            velocity=at.u_g,
+            before=1 - start.alpha,
+            velocity=start.u_g,
+            present=levels.now.u_g,
             flux=flux,
             viscosity=mu,
             bulk=np.zeros_like(mu),
@@ -132,10 +144,10 @@ class Momenta:
             accelerated.append(vector)
         return gaps, accelerated
 
-    def _stress(self, phase: Phase) -> Array:
+    def _stress(self, phase: Phase, gradient: Array) -> Array:
         """What the implicit difference leaves of the viscous force on the owned cells [N]."""
         cells, inner = self.line.cells, self.line.inner
-        rate = cells.mean(phase.gradient.reshape(-1, 9)).reshape(-1, 3, 3)[inner]
+        rate = cells.mean(gradient.reshape(-1, 9)).reshape(-1, 3, 3)[inner]
         mu = cells.mean(phase.viscosity)[inner]
         bulk = cells.mean(phase.bulk)[inner] - 2 / 3 * mu
         area, trace = cells.area[inner], np.einsum("nii->n", rate)
@@ -167,7 +179,7 @@ class Momenta:
         line, cells, own, inner = self.line, self.line.cells, self.line.own, self.line.inner
         many = len(phases)
         coupling = beta[own] * line.volume
-        diagonals, across, sides = [], [], []
+        diagonals, across, sides, lagging = [], [], [], []
         for phase, acceleration in zip(phases, accelerated, strict=True):
             inertia = phase.density * np.maximum(phase.before[own], SMALLEST_FRACTION)
             inertia = inertia * line.volume / dt
@@ -178,7 +190,9 @@ class Momenta:
             diagonal = inertia + cells.sum_out(back, ahead) + cells.add(spread)
             rhs = inertia[:, None] * phase.velocity[own]
             mass = phase.density * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
-            rhs += (mass * line.volume)[:, None] * acceleration[own] + self._stress(phase)
+            lagging.append(self._lagging(phase, phase.present, phase.gradient))
+            rhs += (mass * line.volume)[:, None] * acceleration[own] + lagging[-1]
+            rhs += feed.inside.force(phase.name) * line.volume[:, None]
             if line.has_wall:
                 cells.to_boundary("wall", diagonal, phase.traction)
             if line.has_inlet:
@@ -201,13 +215,29 @@ class Momenta:
         self._krylov.renew()
         found = np.empty((cells.owned, many, 3))
         start = np.stack([phase.velocity[own] for phase in phases], axis=1)
-        side = np.stack(sides, axis=1)
         effort["momentum"] = 0
         # the components share one measure: what is small across the pipe need not be sharper
         largest = max(cells.total(start[:, :, i] ** 2) for i in range(3)) ** 0.5
         enough = TRANSPORT_TOLERANCE * largest + line.little(SMALL_VELOCITY * line.speed)
-        for i in range(3):
-            x = self._krylov.solve(side[:, :, i].ravel(), start[:, :, i].ravel(), enough)
-            effort["momentum"] += self._krylov.iterations
-            found[:, :, i] = x.reshape(-1, many)
-        return [cells.whole(np.ascontiguousarray(found[:, k])) for k in range(many)]
+        for turn in range(SLOPES if line.order else 1):
+            if turn:
+                for k, (phase, u) in enumerate(zip(phases, velocities, strict=True)):
+                    later = self._lagging(phase, u, cells.whole(cells.gradient(u)))
+                    sides[k] += later - lagging[k]
+                    lagging[k] = later
+            side = np.stack(sides, axis=1)
+            for i in range(3):
+                x = self._krylov.solve(side[:, :, i].ravel(), start[:, :, i].ravel(), enough)
+                effort["momentum"] += self._krylov.iterations
+                found[:, :, i] = x.reshape(-1, many)
+            start = found
+            velocities = [cells.whole(np.ascontiguousarray(found[:, k])) for k in range(many)]
+        return velocities
+
+    def _lagging(self, phase: Phase, velocity: Array, gradient: Array) -> Array:
+        """Force on the owned cells that the matrix does not hold, of a known velocity [N]."""
+        line, found = self.line, self._stress(phase, gradient)
+        if not line.order:
+            return found
+        flux = phase.density * phase.flux
+        return found - line.cells.sum(line.beyond(flux, velocity, line.speed, gradient))

@@ -93,12 +93,17 @@ class Projection:
         if blocked:
             follow[0][line.outlet] = 0.0
         stiff = sum(share * part for share, part in zip(shares, follow, strict=True))
-        self._matrix.set([cells.add(stiff)], [(-stiff[inner], -stiff[inner])])
-        change = cells.whole(self._solve(-cells.sum(total), effort))
+        diagonal = cells.add(stiff)
+        if not line.has_outlet and cells.map.local_range[0] == 0:
+            # nothing else sets the level of the pressure: one cell keeps its own
+            diagonal[:1] *= 2
+        self._matrix.set([diagonal], [(-stiff[inner], -stiff[inner])])
+        grown = (feed.inside.solids + feed.inside.gas) * line.volume
+        change = cells.whole(self._solve(grown - cells.sum(total), effort))
         drop = np.zeros(cells.faces)
         drop[inner] = change[cells.second] - change[cells.first[inner]]
         drop[line.outlet] = -change[cells.first[line.outlet]]
-        total = self._close(total - stiff * drop)
+        total = self._close(total - stiff * drop, grown)
         corrected = [-part * drop for part in follow]
         moved = [
             cells.whole(velocity[: cells.owned] + line.reconstruct(flux / cells.size))
@@ -144,13 +149,13 @@ class Projection:
             self._age = MULTIGRID_AGE
         return found
 
-    def _close(self, total: Array) -> Array:
+    def _close(self, total: Array, grown: Array) -> Array:
         """Take what the linear solver left of the divergence out through the outlet."""
         cells, outlet = self.line.cells, self.line.outlet
         size = cells.size[outlet]
         area = cells.total(size)
         if area > 0:
-            total[outlet] -= cells.total(cells.sum(total)) * size / area
+            total[outlet] -= cells.total(cells.sum(total) - grown) * size / area
         return total
 
     def renew(self) -> None:

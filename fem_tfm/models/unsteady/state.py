@@ -11,6 +11,8 @@ from fem_tfm.solvers.cells import Array
 
 # a phase that is not there moves as one of this fraction; a void has this granular temperature
 SMALLEST_FRACTION, SMALLEST_THETA = 1e-9, 1e-12
+# times that an equation is solved to find its slopes
+SLOPES = 2
 # grains below this fraction are not faster than the gas
 LONELY_FRACTION = 1e-6
 # residual of the linear systems of transport over the right-hand side
@@ -22,18 +24,40 @@ class StepFailed(SolverError):
 
 
 @dataclass(frozen=True)
+class Sources:
+    """What is given to every volume at the end of a step: numbers, or arrays over owned cells.
+
+    solids, gas : volume of a phase, which comes with the velocity and Theta that are there [1/s]
+    force_s, force_g : (3,) or (cells, 3) [N/m3]
+    energy : granular energy, or what is taken of it [W/m3]
+    """
+
+    solids: Array | float = 0.0
+    gas: Array | float = 0.0
+    force_s: Array | float = 0.0
+    force_g: Array | float = 0.0
+    energy: Array | float = 0.0
+
+    def force(self, phase: str) -> Array | float:
+        """On a phase [N/m3]."""
+        return self.force_s if phase == "solids" else self.force_g
+
+
+@dataclass(frozen=True)
 class Feed:
     """What enters and leaves at the end of a step.
 
     gas_velocity : superficial [m/s]
     solids_fraction, solids_velocity : of what enters [-], [m/s]
     blocked : the outlet lets the gas pass and holds the solids
+    inside : what comes into the cells without passing the boundary
     """
 
     gas_velocity: float
     solids_fraction: float = 0.0
     solids_velocity: float = 0.0
     blocked: bool = False
+    inside: Sources = Sources()
 
     def mean_velocity(self, phase: str) -> float:
         """Mean velocity with which a phase enters [m/s]."""
@@ -118,12 +142,15 @@ class Moved:
 
     alpha : solids fraction [-]
     flux : volume flux of the solids through faces [m3/s]
+    passed, added : fluxes [m3/s] and sources [1/s] that have changed the fraction, means of the step
     pressure : p_s that has moved them [Pa]
     dilation : div u_s of the velocities behind the flux [1/s]
     """
 
     alpha: Array
     flux: Array
+    passed: Array
+    added: Array
     pressure: Array
     dilation: Array
 
@@ -133,7 +160,9 @@ class Phase:
     """One phase in a step; arrays over all cells unless said otherwise.
 
     fraction, before : alpha after and before the step
+    velocity, present : from which the step starts, and of now [m/s]
     flux : volume flux (faces) [m3/s]
+    gradient : of `present` [1/s]
     viscosity, bulk : of the whole phase [Pa s]
     traction : friction of the faces of the wall [kg/s]
     pressure : p_s [Pa], None for the gas
@@ -144,6 +173,7 @@ class Phase:
     fraction: Array
     before: Array
     velocity: Array
+    present: Array
     flux: Array
     viscosity: Array
     bulk: Array
