@@ -134,15 +134,15 @@ class Flow3D:
         return report
 
     def _levels(self, dt: float) -> Levels:
-        if self.past is None:
-            return euler(self.line, self.now, dt)
         limit = 1.0 if self.solids is None else self.solids.packing_limit
+        if self.past is None:
+            return euler(self.line, self.now, dt, limit)
         return second_order(self.line, self.now, self.past, dt, limit)
 
     def _step(
         self, levels: Levels, dt: float, feed: Feed
     ) -> tuple[Moment, Past | None, Report, Masses]:
-        old, start, span = levels.expected, levels.start, levels.span
+        old, start, span = levels.expected, levels.start, levels.span_faces
         cells, effort = self.cells, {}
         moved, rates, beta = None, None, np.zeros(cells.count)
         at = old
@@ -154,14 +154,14 @@ class Flow3D:
             moved = self.fraction.move(levels, response, rates, dt, feed, effort)
             if self.past is not None:
                 lost = cells.sum(moved.flux) / self.line.volume - feed.inside.solids
-                before = moved.alpha[: cells.owned] + span * lost
+                before = moved.alpha[: cells.owned] + levels.span * lost
                 start = replace(start, alpha=cells.whole(np.clip(before, 0.0, 1.0)))
-            theta = self.agitation.warm(old, start, moved, rates, span, feed, effort)
+            theta = self.agitation.warm(old, levels, start, moved, rates, feed, effort)
             at = replace(old, alpha=moved.alpha, theta=theta)
             beta = self._drag(at)
         phases = self.momenta.phases(at, levels, start, moved, rates)
         gaps, accelerated = self.momenta.forces(at, phases, feed)
-        guess = self.momenta.solve(phases, beta, accelerated, span, feed, effort)
+        guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort)
         at = replace(at, carried=start.carried)
         found = self.projection.project(at, phases, beta, guess, gaps, span, feed, effort)
         passed, added = np.zeros(cells.faces), np.zeros(cells.owned)
