@@ -95,7 +95,7 @@ class Moment:
     total : volume flux of both phases through faces [m3/s]
     carried : volume flux of the solids by u_s.S, its share that their pressure pushes is `pushed`
     response : R_ss on faces, [m3 s/kg]
-    gained : what the last step has added to `carried`, in a second [m3/s2]
+    gained : what u_s of the cells has gained on faces in the last step, in a second [m3/s2]
     """
 
     alpha: Array
