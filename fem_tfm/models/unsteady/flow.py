@@ -162,7 +162,7 @@ class Flow3D:
         phases = self.momenta.phases(at, levels, start, moved, rates)
         gaps, accelerated = self.momenta.forces(at, phases, feed)
         guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort)
-        at = replace(at, carried=start.carried)
+        at = replace(at, u_s=start.u_s)
         found = self.projection.project(at, phases, beta, guess, gaps, span, feed, effort)
         passed, added = np.zeros(cells.faces), np.zeros(cells.owned)
         if moved is not None:
