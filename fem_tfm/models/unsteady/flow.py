@@ -41,6 +41,8 @@ from fem_tfm.models.unsteady.state import (
 )
 from fem_tfm.solvers.cells import Array, CellMatrix
 
+FAILURES = (SolverError, FloatingPointError, np.linalg.LinAlgError)
+
 
 class Flow3D:
     """An unsteady flow on one mesh.
@@ -125,13 +127,22 @@ class Flow3D:
             a solver did not converge or a value left its bounds; nothing has changed.
         """
         try:
-            found, past, report, masses = self._step(self._levels(dt), dt, feed)
-        except (SolverError, FloatingPointError, np.linalg.LinAlgError) as error:
+            found, past, report, masses = self._attempt(dt, feed)
+        except FAILURES as error:
             raise StepFailed(str(error)) from error
         self.now, self.past, self.masses = found, past, masses
         self.time += dt
         self.steps += 1
         return report
+
+    def _attempt(self, dt: float, feed: Feed) -> tuple[Moment, Past | None, Report, Masses]:
+        """A step of the case's order, or of first order where that one fails."""
+        if self.line.order:
+            try:
+                return self._step(self._levels(dt), dt, feed)
+            except FAILURES:
+                pass
+        return self._step(euler(self.line, self.now, dt), dt, feed)
 
     def _levels(self, dt: float) -> Levels:
         limit = 1.0 if self.solids is None else self.solids.packing_limit

@@ -101,15 +101,15 @@ class Levels:
         return now * _rise(now, before) ** self.ratio
 
 
-def euler(line: Line, now: Moment, dt: float, limit: float) -> Levels:
+def euler(line: Line, now: Moment, dt: float, limit: float = 0.0) -> Levels:
     """Levels of an implicit Euler step.
 
-    limit : packing limit of the solids
+    limit : packing limit of the solids, 0 for an upwind step
     """
     cells = line.cells
     zero, one = (np.broadcast_to(value, cells.faces) for value in (0.0, 1.0))
     given, loose, linear = np.broadcast_to(0.0, cells.owned), np.broadcast_to(0.0, cells.count), zero
-    if line.order:
+    if line.order and limit > 0:
         loose = _loose(now.alpha, limit)
         linear = _on_faces(line, loose)
     return Levels(now, None, 0.0, now, dt, dt, now, one, zero, given, zero, loose, linear)
