@@ -136,6 +136,13 @@ class Cells:
         self.share = np.clip(away / along[: self.inner], 0.05, 0.95)
         # what a difference along the line of centres misses of the normal derivative
         self.skew = area - self.reach[:, None] * self.apart
+        # from cell to cell, and from either to the middle of the face; by component
+        inner = slice(0, self.inner)
+        self._along = np.ascontiguousarray(self.apart[inner].T)
+        self._ways = [
+            np.ascontiguousarray((self.middle[inner] - self.centre[cell]).T)
+            for cell in (self.first[inner], self.second)
+        ]
 
     def _points(self, vertices: npt.NDArray[np.int32]) -> Array:
         """Coordinates of vertices."""
@@ -241,23 +248,26 @@ class Cells:
 
         Source: van Albada, van Leer and Roberts (1982), Astron. Astrophys. 108, 76-84.
         """
-        inner = slice(0, self.inner)
-        first, second = self.first[inner], self.second
-        # a scalar is a vector of one component
-        values, gradient = values.reshape(self.count, -1), gradient.reshape(self.count, -1, 3)
-        across = values[second] - values[first]
-        size = np.einsum("ni,ni->n", across, across) + 2 * np.square(small)
-        found = []
-        for cell in (first, second):
-            slope = gradient[cell]
-            behind = 2 * np.einsum("nij,nj->ni", slope, self.apart[inner]) - across
-            agree = np.einsum("ni,ni->n", behind, across) + np.square(small)
-            size_behind = np.einsum("ni,ni->n", behind, behind)
+        first, second = self.first[: self.inner], self.second
+        # component by component: these arrays are the largest of a step
+        parts = values.reshape(self.count, -1).T
+        slopes = np.ascontiguousarray(gradient.reshape(self.count, -1, 3).transpose(1, 2, 0))
+        across = [part[second] - part[first] for part in parts]
+        size = sum(b * b for b in across) + 2 * np.square(small)
+        apart, found = self._along, []
+        for cell, way in zip((first, second), self._ways, strict=True):
+            slope = [[g[cell] for g in part] for part in slopes]
+            behind = [
+                2 * sum(g * d for g, d in zip(part, apart, strict=True)) - b
+                for part, b in zip(slope, across, strict=True)
+            ]
+            agree = sum(a * b for a, b in zip(behind, across, strict=True)) + np.square(small)
+            size_behind = sum(a * a for a in behind)
             psi = 2 * np.maximum(agree, 0.0) / np.maximum(size + size_behind, 1e-300)
-            way = psi[:, None] * (self.middle[inner] - self.centre[cell])
-            found.append(np.einsum("nij,nj->ni", slope, way))
+            rise = [psi * sum(g * d for g, d in zip(part, way, strict=True)) for part in slope]
+            found.append(np.stack(rise, axis=1).reshape(-1, *values.shape[1:]))
         ahead, back = found
-        return (ahead, back) if ahead.shape[1] > 1 else (ahead[:, 0], back[:, 0])
+        return ahead, back
 
     def within(self, flux: Array, loss: Array, gain: Array) -> Array:
         """Fluxes that are reduced until no cell loses or gains too much by them (collective).

@@ -167,7 +167,8 @@ def test_sheared_grains_reach_the_temperature_of_the_closed_form(
     for _ in range(300):
         moving = replace(found.now, u_s=u_s, u_g=u_s)
         moved, rates = Moved(moving.alpha, still, still, rest, rest, rest), found.rates(moving)
-        theta = found.agitation.warm(moving, moving, moved, rates, 5e-3, Feed(0.0), {})
+        levels = euler(found.line, moving, 5e-3, found.solids.packing_limit)
+        theta = found.agitation.warm(moving, levels, moving, moved, rates, Feed(0.0), {})
         found.now = replace(found.now, theta=theta)
     assert found.now.theta == pytest.approx(wanted * scale, rel=0.01)
 
@@ -201,7 +202,8 @@ def test_walls_slow_grains_as_their_law_says(law: str) -> None:
     rate = 4 * friction / (GRAINS["density"] * alpha * size)
     still = np.zeros(found.cells.faces)
     moved = Moved(now.alpha, still, still, rest, now.p, rest)
-    phases = found.momenta.phases(now, euler(found.line, now, dt), now, moved, rates)
+    levels = euler(found.line, now, dt, found.solids.packing_limit)
+    phases = found.momenta.phases(now, levels, now, moved, rates)
     forces = [np.zeros_like(now.u_s)] * 2
-    guess = found.momenta.solve(phases, rest, forces, dt, Feed(0.0), {})
+    guess = found.momenta.solve(phases, rest, forces, levels, Feed(0.0), {})
     assert guess[0][:, 2] == pytest.approx(speed / (1 + rate * dt), rel=1e-6)

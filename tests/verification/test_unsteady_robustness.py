@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from boxes import box, flow
+from dolfinx.mesh import CellType
 
 from fem_tfm.models.unsteady import Feed, Flow3D, StepFailed
 
@@ -33,10 +34,13 @@ def order(request: pytest.FixtureRequest) -> int:
 
 
 def conveying(
-    order: int, changes: dict[str, Any] | None = None, shear_deg: float = 0.0
+    order: int,
+    changes: dict[str, Any] | None = None,
+    shear_deg: float = 0.0,
+    kind: CellType = CellType.hexahedron,
 ) -> Flow3D:
     """Grains about to be fed into a duct of flowing gas."""
-    mesh = box(*MESH, "wwwwio", shear_deg=shear_deg)
+    mesh = box(*MESH, "wwwwio", kind, shear_deg)
     found = flow(mesh, {**CONVEYING, **(changes or {})}, order=order)
     found.start(1e-8)
     found.move(6.09 * AXIS, 6.43 * AXIS)
@@ -94,6 +98,12 @@ def test_nearly_elastic_grains(order: int) -> None:
 
 def test_sheared_cells_carry_a_front(order: int) -> None:
     run(conveying(order, shear_deg=30.0), 2e-4, 40, FEED)
+
+
+def test_tetrahedra_carry_a_front(order: int) -> None:
+    found = conveying(order, kind=CellType.tetrahedron)
+    run(found, 1e-4, 40, FEED)
+    assert found.now.alpha.max() > 0.2
 
 
 def test_a_failed_step_changes_nothing(order: int) -> None:

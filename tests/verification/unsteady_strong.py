@@ -22,16 +22,6 @@ Field = Callable[[np.ndarray], np.ndarray]
 FieldInTime = Callable[[np.ndarray, float], np.ndarray]
 
 
-def gradient(f: Field, x: np.ndarray) -> np.ndarray:
-    """Derivatives of f along x, y, z, stacked behind its components: shape (..., 3, n)."""
-    return np.stack([derivative(f, x, j) for j in range(3)], axis=-2)
-
-
-def divergence(flux: Field, x: np.ndarray) -> np.ndarray:
-    """d flux_j/dx_j of a field of shape (..., 3, n)."""
-    return sum(derivative(lambda p, j=j: flux(p)[..., j, :], x, j) for j in range(3))
-
-
 def rate(f: FieldInTime, x: np.ndarray, t: float) -> np.ndarray:
     """df/dt."""
     parts = (w * (f(x, t + k * STEP) - f(x, t - k * STEP)) for k, w in WEIGHTS.items())
@@ -40,13 +30,17 @@ def rate(f: FieldInTime, x: np.ndarray, t: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Exact:
-    """A flow as functions of place and time; velocities of shape (3, n)."""
+    """A flow as functions of place and time; velocities of shape (3, n).
+
+    axes : directions in which it varies
+    """
 
     alpha: FieldInTime
     theta: FieldInTime
     p: FieldInTime
     u_s: FieldInTime
     u_g: FieldInTime
+    axes: tuple[int, ...] = (0, 1, 2)
 
 
 class Strong:
@@ -65,6 +59,16 @@ class Strong:
         self.floor = SLIP_FLOOR * case.operation.gas_superficial_velocity
         self.width = case.geometry.hydraulic_diameter
 
+    def gradient(self, f: Field, x: np.ndarray) -> np.ndarray:
+        """Derivatives of f along x, y, z, stacked behind its components: shape (..., 3, n)."""
+        zero = np.zeros_like(f(x))
+        parts = [derivative(f, x, j) if j in self.exact.axes else zero for j in range(3)]
+        return np.stack(parts, axis=-2)
+
+    def divergence(self, flux: Field, x: np.ndarray) -> np.ndarray:
+        """d flux_j/dx_j of a field of shape (..., 3, n)."""
+        return sum(derivative(lambda p, j=j: flux(p)[..., j, :], x, j) for j in self.exact.axes)
+
     def sources(self, x: np.ndarray, t: float) -> Sources:
         """What has to be given at places x (3, n) and the time t."""
         e = self.exact
@@ -78,15 +82,13 @@ class Strong:
             energy=self.energy(x, t),
         )
 
-    @staticmethod
-    def volume(share: FieldInTime, u: FieldInTime, x: np.ndarray, t: float) -> np.ndarray:
+    def volume(self, share: FieldInTime, u: FieldInTime, x: np.ndarray, t: float) -> np.ndarray:
         """Volume of a phase [1/s]."""
-        return rate(share, x, t) + divergence(lambda p: share(p, t) * u(p, t), x)
+        return rate(share, x, t) + self.divergence(lambda p: share(p, t) * u(p, t), x)
 
-    @staticmethod
-    def carried(f: FieldInTime, u: FieldInTime, x: np.ndarray, t: float) -> np.ndarray:
+    def carried(self, f: FieldInTime, u: FieldInTime, x: np.ndarray, t: float) -> np.ndarray:
         """df/dt + u.grad f."""
-        slope = gradient(lambda p: f(p, t), x)
+        slope = self.gradient(lambda p: f(p, t), x)
         return rate(f, x, t) + np.einsum("jn,...jn->...n", u(x, t), slope)
 
     def drag(self, x: np.ndarray, t: float) -> np.ndarray:
@@ -108,7 +110,7 @@ class Strong:
 
     def strain(self, u: FieldInTime, x: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
         """dev sym grad u (3, 3, n) and div u."""
-        slope = gradient(lambda p: u(p, t), x)
+        slope = self.gradient(lambda p: u(p, t), x)
         trace = np.einsum("iin->n", slope)
         sym = (slope + np.swapaxes(slope, 0, 1)) / 2
         return sym - trace / 3 * np.eye(3)[:, :, None], trace
@@ -136,16 +138,16 @@ class Strong:
     def force_on_solids(self, x: np.ndarray, t: float) -> np.ndarray:
         """Force without drag (3, n)."""
         e = self.exact
-        alpha, push = e.alpha(x, t), gradient(lambda p: e.p(p, t), x)
+        alpha, push = e.alpha(x, t), self.gradient(lambda p: e.p(p, t), x)
         inertia = alpha * self.solids.density * self.carried(e.u_s, e.u_s, x, t)
-        return inertia + alpha * push - divergence(lambda p: self.solids_stress(p, t), x)
+        return inertia + alpha * push - self.divergence(lambda p: self.solids_stress(p, t), x)
 
     def force_on_gas(self, x: np.ndarray, t: float) -> np.ndarray:
         """Force without drag (3, n)."""
         e = self.exact
-        void, push = 1 - e.alpha(x, t), gradient(lambda p: e.p(p, t), x)
+        void, push = 1 - e.alpha(x, t), self.gradient(lambda p: e.p(p, t), x)
         inertia = void * self.gas.density * self.carried(e.u_g, e.u_g, x, t)
-        return inertia + void * push - divergence(lambda p: self.gas_stress(p, t), x)
+        return inertia + void * push - self.divergence(lambda p: self.gas_stress(p, t), x)
 
     def energy(self, x: np.ndarray, t: float) -> np.ndarray:
         """Granular energy [W/m3]."""
@@ -158,8 +160,8 @@ class Strong:
         work += k.bulk_viscosity * trace**2 - k.pressure * trace
 
         def conduction(p: np.ndarray) -> np.ndarray:
-            return self.kinetic(p, t).conductivity * gradient(lambda q: e.theta(q, t), p)
+            return self.kinetic(p, t).conductivity * self.gradient(lambda q: e.theta(q, t), p)
 
         inertia = 1.5 * e.alpha(x, t) * self.solids.density * self.carried(e.theta, e.u_s, x, t)
         lost = k.dissipation + 3 * self.drag(x, t) * e.theta(x, t)
-        return inertia - work - divergence(conduction, x) + lost
+        return inertia - work - self.divergence(conduction, x) + lost

@@ -9,6 +9,7 @@ import numpy as np
 
 from fem_tfm.case import Case
 from fem_tfm.models.unsteady.laws import CellLaws, Grains
+from fem_tfm.models.unsteady.levels import Levels
 from fem_tfm.models.unsteady.line import Line
 from fem_tfm.models.unsteady.state import (
     LONELY_FRACTION,
@@ -42,10 +43,10 @@ class Agitation:
     def warm(
         self,
         old: Moment,
+        levels: Levels,
         start: Moment,
         moved: Moved,
         rates: Rates,
-        dt: float,
         feed: Feed,
         effort: dict[str, int],
     ) -> Array:
@@ -65,7 +66,8 @@ class Agitation:
         if line.order:
             # what both compress is compressed as the step says
             both = (moved.dilation < 0) & (rates.dilation < 0)
-            dilation = np.where(both | (moved.dilation > 0), moved.dilation, dilation)
+            trusted = levels.loose * (both | (moved.dilation > 0))
+            dilation = dilation + trusted * (moved.dilation - dilation)
         grains = laws.grains(alpha, old.theta, replace(rates, dilation=dilation))
         beta = laws.drag(alpha, old.u_g - old.u_s)
         if laws.laws.theta == "algebraic":
@@ -73,7 +75,7 @@ class Agitation:
         own, inner, k = line.own, line.inner, grains.kinetic
         density = laws.solids.density
         mass = 1.5 * density * np.maximum(start.alpha[own], SMALLEST_FRACTION)
-        inertia = mass * line.volume / dt
+        inertia = mass * line.volume / levels.span
         work = 2 * k.shear_viscosity * rates.shear + k.bulk_viscosity * dilation**2
         if laws.laws.friction_feeds_theta:
             work = work + 2 * grains.mu_f * rates.shear
@@ -104,8 +106,9 @@ class Agitation:
             side = rhs
             if line.order:
                 # no more than what is there leaves by slopes
-                beyond = line.beyond(flux, found, cells.mean(found)[inner])
-                beyond = cells.within(beyond, 0.5 * rhs, np.full(cells.owned, np.inf))
+                gradient = cells.whole(cells.gradient(found))
+                beyond = line.beyond(flux, found, cells.mean(found)[inner], gradient)
+                beyond = cells.within(levels.linear * beyond, 0.5 * rhs, np.full(cells.owned, np.inf))
                 side = rhs - cells.sum(beyond)
             found = cells.whole(self._krylov.solve(side, found[own]))
             effort["theta"] += self._krylov.iterations

@@ -41,6 +41,8 @@ from fem_tfm.models.unsteady.state import (
 )
 from fem_tfm.solvers.cells import Array, CellMatrix
 
+FAILURES = (SolverError, FloatingPointError, np.linalg.LinAlgError)
+
 
 class Flow3D:
     """An unsteady flow on one mesh.
@@ -125,24 +127,33 @@ class Flow3D:
             a solver did not converge or a value left its bounds; nothing has changed.
         """
         try:
-            found, past, report, masses = self._step(self._levels(dt), dt, feed)
-        except (SolverError, FloatingPointError, np.linalg.LinAlgError) as error:
+            found, past, report, masses = self._attempt(dt, feed)
+        except FAILURES as error:
             raise StepFailed(str(error)) from error
         self.now, self.past, self.masses = found, past, masses
         self.time += dt
         self.steps += 1
         return report
 
+    def _attempt(self, dt: float, feed: Feed) -> tuple[Moment, Past | None, Report, Masses]:
+        """A step of the case's order, or of first order where that one fails."""
+        if self.line.order:
+            try:
+                return self._step(self._levels(dt), dt, feed)
+            except FAILURES:
+                pass
+        return self._step(euler(self.line, self.now, dt), dt, feed)
+
     def _levels(self, dt: float) -> Levels:
-        if self.past is None:
-            return euler(self.line, self.now, dt)
         limit = 1.0 if self.solids is None else self.solids.packing_limit
+        if self.past is None:
+            return euler(self.line, self.now, dt, limit)
         return second_order(self.line, self.now, self.past, dt, limit)
 
     def _step(
         self, levels: Levels, dt: float, feed: Feed
     ) -> tuple[Moment, Past | None, Report, Masses]:
-        old, start, span = levels.expected, levels.start, levels.span
+        old, start, span = levels.expected, levels.start, levels.span_faces
         cells, effort = self.cells, {}
         moved, rates, beta = None, None, np.zeros(cells.count)
         at = old
@@ -154,15 +165,15 @@ class Flow3D:
             moved = self.fraction.move(levels, response, rates, dt, feed, effort)
             if self.past is not None:
                 lost = cells.sum(moved.flux) / self.line.volume - feed.inside.solids
-                before = moved.alpha[: cells.owned] + span * lost
+                before = moved.alpha[: cells.owned] + levels.span * lost
                 start = replace(start, alpha=cells.whole(np.clip(before, 0.0, 1.0)))
-            theta = self.agitation.warm(old, start, moved, rates, span, feed, effort)
+            theta = self.agitation.warm(old, levels, start, moved, rates, feed, effort)
             at = replace(old, alpha=moved.alpha, theta=theta)
             beta = self._drag(at)
         phases = self.momenta.phases(at, levels, start, moved, rates)
         gaps, accelerated = self.momenta.forces(at, phases, feed)
-        guess = self.momenta.solve(phases, beta, accelerated, span, feed, effort)
-        at = replace(at, carried=start.carried)
+        guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort)
+        at = replace(at, u_s=start.u_s)
         found = self.projection.project(at, phases, beta, guess, gaps, span, feed, effort)
         passed, added = np.zeros(cells.faces), np.zeros(cells.owned)
         if moved is not None:

@@ -84,7 +84,8 @@ class SolidsFraction:
         sound = np.max(cells.exchange(sound / limit)[np.stack([first, second])], axis=0)
         flux = old.carried - old.pushed
         carried_on = np.maximum(sound / (1 + sound), levels.trust[inner])
-        flux[inner] += carried_on * levels.span * old.gained[inner]
+        span = np.broadcast_to(levels.span_faces, cells.faces)[inner]
+        flux[inner] += carried_on * span * old.gained[inner]
         flux[line.inlet] = 0.0
         if feed.blocked:
             flux[line.outlet] = 0.0
@@ -110,7 +111,7 @@ class SolidsFraction:
             effort["solids fraction"] = iteration
             through = fluxes(alpha, p_s)
             if line.order and iteration <= SLOPES:
-                beyond = self._beyond(ahead - back, alpha, old.alpha, levels.kept, rate)
+                beyond = self._beyond(ahead - back, alpha, levels, rate)
             through += beyond
             residual = rate * (alpha[: cells.owned] - old.alpha[: cells.owned]) + cells.sum(through)
             residual -= added * line.volume
@@ -157,12 +158,11 @@ class SolidsFraction:
         flux = (through - levels.kept) / share
         return Moved(cells.whole(alpha), flux, through, added, p_s, dilation)
 
-    def _beyond(
-        self, moved: Array, alpha: Array, before: Array, kept: Array, rate: Array
-    ) -> Array:
+    def _beyond(self, moved: Array, alpha: Array, levels: Levels, rate: Array) -> Array:
         """What slopes in the cells add to the upwind fluxes, within the bounds of the fraction."""
         line, cells = self.line, self.line.cells
-        found = line.beyond(moved, alpha, cells.mean(alpha)[line.inner])
-        held = before[line.own] - cells.sum(kept) / rate
+        gradient = cells.whole(cells.gradient(alpha))
+        found = levels.linear * line.beyond(moved, alpha, cells.mean(alpha)[line.inner], gradient)
+        held = levels.start.alpha[line.own] - cells.sum(levels.kept) / rate
         room = self.laws.solids.packing_limit - held
         return cells.within(found, MOST_OF_ROOM * rate * held, MOST_OF_ROOM * rate * room)

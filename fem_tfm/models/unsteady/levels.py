@@ -24,6 +24,9 @@ from fem_tfm.models.unsteady.line import Line
 from fem_tfm.models.unsteady.state import SMALLEST_FRACTION, Moment
 from fem_tfm.solvers.cells import Array
 
+# solids between these shares of their packing go over to first order: in a bed the pressure of the
+# solids changes by its own size in a step
+PACKING = 0.8, 0.9
 # share of the way to a bound of the solids fraction that what has passed before may take
 MOST_OF_ROOM = 0.5
 # largest factor from one step to the next of a fraction and of the granular temperature
@@ -69,70 +72,117 @@ class Levels:
     """What a step starts from.
 
     now, past : state before the step, and what is known of the one before it
-    ratio : of this step and the last one
-    start : state from which an implicit Euler step of `span` [s] ends where the method does
+    ratio (cells) : of this step and the last one, 0 where the method is Euler's
+    start : state from which an implicit Euler step of `span` ends where the method does
+    span (owned), span_faces (faces) : its length [s]
     expected : state at the end of the step as far as it is foreseen, for coefficients
     share, kept (faces) : the solids pass `share` times their flux at the end plus `kept` [m3/s]
     given (owned) : likewise, their source is span/dt times that at the end plus `given` [1/s]
     trust (faces) : share of the acceleration of faces that is carried on
+    loose (cells), linear (faces) : share of the second order, 0 where solids are nearly packed
     """
 
     now: Moment
     past: Past | None
-    ratio: float
-    span: float
+    ratio: Array | float
     start: Moment
+    span: Array | float
+    span_faces: Array | float
     expected: Moment
     share: Array
     kept: Array
     given: Array
     trust: Array
+    loose: Array
+    linear: Array
 
     def grown(self, now: Array, before: Array) -> Array:
         """A positive quantity at the end of the step from its values now and before."""
-        rise = np.clip(now / np.maximum(before, 1e-300), 1 / LARGEST_RISE, LARGEST_RISE)
-        return now * rise**self.ratio
+        return now * _rise(now, before) ** self.ratio
 
 
-def euler(line: Line, now: Moment, dt: float) -> Levels:
-    """Levels of an implicit Euler step."""
-    zero, one = (np.broadcast_to(value, line.cells.faces) for value in (0.0, 1.0))
-    return Levels(now, None, 0.0, dt, now, now, one, zero, np.broadcast_to(0.0, line.cells.owned), zero)
+def euler(line: Line, now: Moment, dt: float, limit: float = 0.0) -> Levels:
+    """Levels of an implicit Euler step.
+
+    limit : packing limit of the solids, 0 for an upwind step
+    """
+    cells = line.cells
+    zero, one = (np.broadcast_to(value, cells.faces) for value in (0.0, 1.0))
+    given, loose, linear = np.broadcast_to(0.0, cells.owned), np.broadcast_to(0.0, cells.count), zero
+    if line.order and limit > 0:
+        loose = _loose(now.alpha, limit)
+        linear = _on_faces(line, loose)
+    return Levels(now, None, 0.0, now, dt, dt, now, one, zero, given, zero, loose, linear)
 
 
 def second_order(line: Line, now: Moment, past: Past, dt: float, limit: float) -> Levels:
-    """Levels of a step of second order (collective).
+    """Levels of a step of second order, of first order where the solids are packed (collective).
 
-    limit : packing limit of the solids, which what has passed before may not overfill
+    limit : packing limit of the solids
     """
+    loose = _loose(np.maximum(now.alpha, past.alpha), limit)
+    linear = _on_faces(line, loose)
     r = dt / past.dt
-    weight, c = r / (1 + 2 * r), r**2 / (1 + 2 * r)
-    kept = _kept(line, now, weight * past.passed, dt, limit)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = 1 - weight * np.where(past.passed == 0, 1.0, kept / (weight * past.passed))
-    rise = np.clip(now.theta / past.theta, 1 / LARGEST_RISE, LARGEST_RISE)
+    weight = r / (1 + 2 * r)
+    cells, faces = weight * loose, weight * linear
+    kept = _kept(line, now, faces * past.passed, dt, limit)
+    moving = np.where(past.passed == 0, 1.0, past.passed)
+    share = 1 - np.where(past.passed == 0, faces, kept / moving)
     slow, fluxes = SLOW * line.speed, SLOW * line.speed * line.cells.size
-    fractions = ((now.alpha, past.alpha), (1 - now.alpha, 1 - past.alpha))
-    solids, gas = (c * _ratio(*pair, c)[:, None] for pair in fractions)
+    of_solids = _ratio(now.alpha, past.alpha, cells * r)
+    of_gas = _ratio(1 - now.alpha, 1 - past.alpha, cells * r)
+    rise = _rise(now.theta, past.theta)
     start = replace(
         now,
-        theta=now.theta * rise ** (c * _ratio(*fractions[0], c)),
-        u_s=now.u_s + solids * (now.u_s - past.u_s),
-        u_g=now.u_g + gas * (now.u_g - past.u_g),
-        carried=now.carried + c * (now.carried - past.carried),
+        theta=now.theta * rise ** (of_solids * cells * r),
+        u_s=now.u_s + (of_solids * cells * r)[:, None] * (now.u_s - past.u_s),
+        u_g=now.u_g + (of_gas * cells * r)[:, None] * (now.u_g - past.u_g),
+        carried=now.carried + faces * r * (now.carried - past.carried),
     )
+    there = (loose * r)[:, None]
     expected = replace(
         now,
-        theta=now.theta * rise**r,
-        u_s=_carry_on(now.u_s, past.u_s, r, slow),
-        u_g=_carry_on(now.u_g, past.u_g, r, slow),
-        total=_carry_on(now.total, past.total, r, fluxes),
-        carried=_carry_on(now.carried, past.carried, r, fluxes),
+        theta=now.theta * rise ** (loose * r),
+        u_s=_carry_on(now.u_s, past.u_s, there, slow),
+        u_g=_carry_on(now.u_g, past.u_g, there, slow),
+        total=_carry_on(now.total, past.total, linear * r, fluxes),
+        carried=_carry_on(now.carried, past.carried, linear * r, fluxes),
     )
-    span = dt - weight * dt
-    trust = _steadiness(span * now.gained, now.carried, fluxes)
-    given = weight * past.added[line.own]
-    return Levels(now, past, r, span, start, expected, share, kept, given, trust)
+    span, span_faces = dt * (1 - cells[line.own]), dt * (1 - faces)
+    return Levels(
+        now=now,
+        past=past,
+        ratio=loose * r,
+        start=start,
+        span=span,
+        span_faces=span_faces,
+        expected=expected,
+        share=share,
+        kept=kept,
+        given=(cells * past.added)[line.own],
+        trust=linear * _steadiness(span_faces * now.gained, now.carried, fluxes),
+        loose=loose,
+        linear=linear,
+    )
+
+
+def _loose(alpha: Array, limit: float) -> Array:
+    """1 where grains have room to move, 0 where they are nearly packed."""
+    low, high = (share * limit for share in PACKING)
+    return np.clip((high - alpha) / (high - low), 0.0, 1.0)
+
+
+def _on_faces(line: Line, values: Array) -> Array:
+    """The smaller value of the two sides of each face."""
+    cells = line.cells
+    found = values[cells.first]
+    found[line.inner] = np.minimum(found[line.inner], values[cells.second])
+    return found
+
+
+def _rise(now: Array, before: Array) -> Array:
+    """Factor by which a positive quantity has grown, within limits."""
+    return np.clip(now / np.maximum(before, 1e-300), 1 / LARGEST_RISE, LARGEST_RISE)
 
 
 def _kept(line: Line, now: Moment, flux: Array, dt: float, limit: float) -> Array:
@@ -142,7 +192,7 @@ def _kept(line: Line, now: Moment, flux: Array, dt: float, limit: float) -> Arra
     return line.cells.within(flux, rate * np.maximum(alpha, 0.0), rate * (limit - alpha))
 
 
-def _ratio(now: Array, before: Array, c: float) -> Array:
+def _ratio(now: Array, before: Array, c: Array) -> Array:
     """Fraction before the last step over that of `start`, by which phases weigh their past."""
     before, now = (np.maximum(x, SMALLEST_FRACTION) for x in (before, now))
     start = np.maximum(now + c * (now - before), before / LARGEST_RATIO)
@@ -156,7 +206,7 @@ def _steadiness(change: Array, now: Array, small: Array | float) -> Array:
     return 1 / (1 + (np.square(change) / (np.square(now) + np.square(small))) ** 2)
 
 
-def _carry_on(now: Array, before: Array, r: float, small: Array | float) -> Array:
+def _carry_on(now: Array, before: Array, r: Array | float, small: Array | float) -> Array:
     """Extrapolation by r times the last change, which a jump does not take part in."""
     change = r * (now - before)
     return now + _steadiness(change, now, small) * change

@@ -76,17 +76,15 @@ class Line:
         return -mean * self.profile * self.cells.size[self.inlet]
 
     def beyond(
-        self, flux: Array, values: Array, scale: Array | float, gradient: Array | None = None
+        self, flux: Array, values: Array, scale: Array | float, gradient: Array
     ) -> Array:
-        """What linear values in cells add to an upwind flux of `values` (collective).
+        """What linear values in cells add to an upwind flux of `values`.
 
         flux (faces) : what carries the values
         scale (inner) : of the values
-        gradient (cells, ..., 3) : of the values, found here without it
+        gradient (cells, ..., 3) : of the values
         """
         cells, inner = self.cells, self.inner
-        if gradient is None:
-            gradient = cells.whole(cells.gradient(values))
         ahead, back = cells.rise(values, gradient, scale * self._small)
         flux = flux[inner].reshape(-1, *(1,) * (values.ndim - 1))
         found = np.zeros((cells.faces, *values.shape[1:]))

@@ -171,7 +171,7 @@ class Momenta:
         phases: list[Phase],
         beta: Array,
         accelerated: list[Array],
-        dt: float,
+        levels: Levels,
         feed: Feed,
         effort: dict[str, int],
     ) -> list[Array]:
@@ -188,7 +188,7 @@ class Momenta:
         diagonals, across, sides, lagging = [], [], [], []
         for phase, acceleration in zip(phases, accelerated, strict=True):
             inertia = phase.density * np.maximum(phase.before[own], SMALLEST_FRACTION)
-            inertia = inertia * line.volume / dt
+            inertia = inertia * line.volume / levels.span
             flux = phase.density * phase.flux
             ahead, back = np.maximum(flux, 0.0), np.maximum(-flux, 0.0)
             spread = cells.mean(phase.viscosity) * cells.reach
@@ -196,7 +196,7 @@ class Momenta:
             diagonal = inertia + cells.sum_out(back, ahead) + cells.add(spread)
             rhs = inertia[:, None] * phase.velocity[own]
             mass = phase.density * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
-            lagging.append(self._lagging(phase, phase.present, phase.gradient))
+            lagging.append(self._lagging(phase, phase.present, phase.gradient, levels))
             rhs += (mass * line.volume)[:, None] * acceleration[own] + lagging[-1]
             rhs += feed.inside.force(phase.name) * line.volume[:, None]
             if line.has_wall:
@@ -228,7 +228,7 @@ class Momenta:
         for turn in range(SLOPES if line.order else 1):
             if turn:
                 for k, (phase, u) in enumerate(zip(phases, velocities, strict=True)):
-                    later = self._lagging(phase, u, cells.whole(cells.gradient(u)))
+                    later = self._lagging(phase, u, cells.whole(cells.gradient(u)), levels)
                     sides[k] += later - lagging[k]
                     lagging[k] = later
             side = np.stack(sides, axis=1)
@@ -240,10 +240,10 @@ class Momenta:
             velocities = [cells.whole(np.ascontiguousarray(found[:, k])) for k in range(many)]
         return velocities
 
-    def _lagging(self, phase: Phase, velocity: Array, gradient: Array) -> Array:
+    def _lagging(self, phase: Phase, velocity: Array, gradient: Array, levels: Levels) -> Array:
         """Force on the owned cells that the matrix does not hold, of a known velocity [N]."""
         line, found = self.line, self._stress(phase, gradient)
         if not line.order:
             return found
-        flux = phase.density * phase.flux
+        flux = levels.linear * phase.density * phase.flux
         return found - line.cells.sum(line.beyond(flux, velocity, line.speed, gradient))

@@ -33,8 +33,11 @@ class Projection:
         self._krylov = Krylov(self._matrix, "pressure", TOLERANCE)
         self._age = MULTIGRID_AGE
 
-    def response(self, alpha: Array, beta: Array, dt: float) -> tuple[Array, Array, Array]:
-        """R_ss, R_sg = R_gs, R_gg on faces, of alpha_s and beta in cells [m3 s/kg]."""
+    def response(self, alpha: Array, beta: Array, dt: Array | float) -> tuple[Array, Array, Array]:
+        """R_ss, R_sg = R_gs, R_gg on faces, of alpha_s and beta in cells [m3 s/kg].
+
+        dt : step, one or of every face [s]
+        """
         alpha, beta = self.line.cells.mean(alpha), self.line.cells.mean(beta)
         gas = self.laws.gas.density * np.maximum(1 - alpha, SMALLEST_FRACTION) / dt
         solids = self.laws.solids.density * np.maximum(alpha, SMALLEST_FRACTION) / dt
@@ -49,7 +52,7 @@ class Projection:
         beta: Array,
         guess: list[Array],
         gaps: list[Array],
-        dt: float,
+        dt: Array | float,
         feed: Feed,
         effort: dict[str, int],
     ) -> Moment:
