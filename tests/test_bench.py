@@ -183,6 +183,10 @@ def test_the_quick_stress_ends_with_a_summary(capsys: pytest.CaptureFixture[str]
 
 
 def test_the_cost_of_the_unsteady_flow_is_measured() -> None:
-    cost = unsteady.measure(1, 4, steps=2)
+    cost = unsteady.measure(1, 4, steps=4)
     assert cost.cells > 0 and cost.microseconds > 0
     assert cost.iterations["pressure"] > 0
+
+
+def test_the_unsteady_flow_holds_no_more_memory_with_every_step() -> None:
+    assert unsteady.growth(400) < 2000

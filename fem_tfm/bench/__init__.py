@@ -19,6 +19,7 @@ BENCHMARKS: dict[str, Callable[[], str]] = {
     "stress-quick": stress.run_quick,
     "stress-turbulence": stress.run_turbulent,
     "unsteady": unsteady.run,
+    "unsteady-large": unsteady.run_large,
 }
 # what `fem-tfm bench` runs without a name
 ALL = ("error", "duct", "stress")

@@ -55,6 +55,10 @@ class Granular(Closure):
     ) -> Kinetic:
         """Coefficients at granular temperature `theta` [m2/s2], pipe diameter `length` [m]."""
 
+    def pressure(self, alpha_s: Value, theta: Value, g0: Value, solids: Solids) -> Value:
+        """p [Pa], that of the coefficients, without the others."""
+        return lun_pressure(alpha_s, theta, g0, solids)
+
 
 def speed(theta: Value) -> Value:
     """sqrt(Theta) [m/s] with a finite slope at Theta = 0."""

@@ -37,6 +37,10 @@ class Momenta:
         self.line, self.laws = line, laws
         # rises along the normals, for the weight of a phase [m/s2]
         self._weight = line.normal @ gravity
+        self._area, self._skew = (
+            np.ascontiguousarray(vectors[line.inner].T)
+            for vectors in (line.cells.area, line.cells.skew)
+        )
         self._height = 1 / line.normal_slope[line.wall]
         self._distance = line.mesh.distance_at(line.cells.centre)
         self._matrix = CellMatrix(line.cells, 1 if laws.solids is None else 2)
@@ -147,15 +151,17 @@ class Momenta:
     def _stress(self, phase: Phase, gradient: Array) -> Array:
         """What the implicit difference leaves of the viscous force on the owned cells [N]."""
         cells, inner = self.line.cells, self.line.inner
-        rate = cells.mean(gradient.reshape(-1, 9)).reshape(-1, 3, 3)[inner]
+        # one array for each component, which is several times as fast as one of tensors
+        rate = np.ascontiguousarray(cells.mean(gradient.reshape(-1, 9))[inner].T)
         mu = cells.mean(phase.viscosity)[inner]
         bulk = cells.mean(phase.bulk)[inner] - 2 / 3 * mu
-        area, trace = cells.area[inner], np.einsum("nii->n", rate)
+        trace = bulk * (rate[0] + rate[4] + rate[8])
         force = np.zeros((cells.faces, 3))
-        turned = np.einsum("nji,nj->ni", rate, area) + np.einsum(
-            "nij,nj->ni", rate, cells.skew[inner]
-        )
-        force[inner] = mu[:, None] * turned + (bulk * trace)[:, None] * area
+        for i in range(3):
+            turned = sum(
+                rate[3 * j + i] * self._area[j] + rate[3 * i + j] * self._skew[j] for j in range(3)
+            )
+            force[inner, i] = mu * turned + trace * self._area[i]
         return cells.sum(force)
 
     # -- the linear system ---------------------------------------------------------------------
