@@ -175,12 +175,18 @@ class Interrupt:
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    ("number", "order"), [(signal.SIGINT, 0), (signal.SIGTERM, 0), (signal.SIGTERM, 1)]
+)
 def test_an_interrupted_run_goes_on_bit_for_bit(
-    dense: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+    dense: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    number: int,
+    order: int,
 ) -> None:
     """N steps, a signal, N more: the same as all in one, in every cell and every row."""
-    case, comm = case_of(dense), MPI.COMM_WORLD
+    case, comm = case_of(dense, {"numerics.order": order}), MPI.COMM_WORLD
     whole, halves = tmp_path / "whole", tmp_path / "halves"
     with monkeypatch.context() as patch:
         # the state is written there too, which starts the multigrid anew
@@ -220,11 +226,12 @@ def patch_saves(patch: pytest.MonkeyPatch, step: int) -> list[int]:
 
 
 @pytest.mark.mpi
+@pytest.mark.parametrize("order", [0, 1])
 def test_a_state_goes_on_with_another_number_of_ranks(
-    dense: dict[str, Any], tmp_path: Path
+    dense: dict[str, Any], tmp_path: Path, order: int
 ) -> None:
     """Five more steps of one rank and of all agree to what the linear solvers leave."""
-    case = case_of(dense)
+    case = case_of(dense, {"numerics.order": order})
     case.run(tmp_path)
     MPI.COMM_WORLD.barrier()
     found = []
