@@ -168,7 +168,7 @@ def test_sheared_grains_reach_the_temperature_of_the_closed_form(
         moving = replace(found.now, u_s=u_s, u_g=u_s)
         moved, rates = Moved(moving.alpha, still, still, rest, rest, rest), found.rates(moving)
         levels = euler(found.line, moving, 5e-3, found.solids.packing_limit)
-        theta = found.agitation.warm(moving, levels, moving, moved, rates, Feed(0.0), {})
+        theta = found.agitation.warm(moving, rest, levels, moving, moved, rates, Feed(0.0), {})
         found.now = replace(found.now, theta=theta)
     assert found.now.theta == pytest.approx(wanted * scale, rel=0.01)
 
