@@ -101,9 +101,7 @@ def test_a_bed_is_lifted_from_the_minimum_fluidisation_velocity_on(order: int) -
 
 @pytest.mark.parametrize("alpha", [1e-8, 1e-3, 0.1, 0.3])
 @pytest.mark.parametrize("step", [0.2, 10.0])
-def test_grains_settle_at_their_terminal_velocity(
-    alpha: float, step: float, order: int
-) -> None:
+def test_grains_settle_at_their_terminal_velocity(alpha: float, step: float, order: int) -> None:
     speed = 1.0
     changes = {**UPRIGHT, "solids.diameter": 1e-4, "closures.drag": "wen-yu"}
     found = flow(box((1.0, 1.0, 20.0), (1, 1, 10)), changes, order=order)

@@ -108,7 +108,11 @@ def euler(line: Line, now: Moment, dt: float, limit: float = 0.0) -> Levels:
     """
     cells = line.cells
     zero, one = (np.broadcast_to(value, cells.faces) for value in (0.0, 1.0))
-    given, loose, linear = np.broadcast_to(0.0, cells.owned), np.broadcast_to(0.0, cells.count), zero
+    given, loose, linear = (
+        np.broadcast_to(0.0, cells.owned),
+        np.broadcast_to(0.0, cells.count),
+        zero,
+    )
     if line.order and limit > 0:
         loose = _loose(now.alpha, limit)
         linear = _on_faces(line, loose)

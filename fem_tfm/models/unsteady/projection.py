@@ -118,7 +118,7 @@ class Projection:
         p_s, pushed = phases[0].pressure, np.zeros(cells.faces)
         pushed[inner] = -response[0][0][inner] * cells.reach[inner]
         pushed[inner] *= p_s[cells.second] - p_s[cells.first[inner]]
-        # a flux itself forgets what alternates from cell to cell, which it must not be credited with
+        # a flux itself forgets what alternates from cell to cell: it must not be credited with it
         gained = np.einsum("ni,ni->n", cells.mean(moved[0] - at.u_s), cells.area) / dt
         return replace(
             found,
