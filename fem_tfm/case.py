@@ -653,8 +653,6 @@ class Case(Table):
         allowed, feed = "solution = 'unsteady' beside it", self.operation
         if self.geometry.shape == "bend":
             raise InputError("geometry.shape", "bend", allowed)
-        if self.numerics.order:
-            raise InputError("numerics.order", self.numerics.order, allowed)
         for name in ("gas_schedule", "solids_schedule", "outlet_blocked"):
             if getattr(feed, name):
                 raise InputError(f"operation.{name}", _plain(getattr(feed, name)), allowed)

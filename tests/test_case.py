@@ -667,7 +667,6 @@ def test_legs_of_a_bend(dense: dict[str, Any]) -> None:
     [
         ({"numerics.end_time": None}, "numerics.end_time is not given: expected a number above 0"),
         ({"numerics.order": 2}, "a whole number at least 0 and at most 1"),
-        ({"numerics.order": 1, "solution": "developed"}, "solution = 'unsteady' beside it"),
         ({"numerics.time_step": 1e-12}, "at least numerics.smallest_time_step = 1e-09 s"),
         (
             {"initial.state": "bed", "initial.bed_fraction": 0.65},

@@ -230,9 +230,7 @@ class Momenta:
             velocities = [cells.whole(np.ascontiguousarray(found[:, k])) for k in range(many)]
         return velocities
 
-    def _equation(
-        self, phase: Phase, acceleration: Array, levels: Levels, feed: Feed
-    ) -> _Equation:
+    def _equation(self, phase: Phase, acceleration: Array, levels: Levels, feed: Feed) -> _Equation:
         """Momentum of one phase without drag."""
         line, cells, own, inner = self.line, self.line.cells, self.line.own, self.line.inner
         inertia = phase.density * np.maximum(phase.before[own], SMALLEST_FRACTION)
@@ -257,7 +255,9 @@ class Momenta:
             missing = entering - back[line.inlet]
             cells.to_boundary("inlet", diagonal, missing)
             cells.to_boundary("inlet", side, entering[:, None] * velocity)
-        return _Equation(diagonal, (-(back + spread)[inner], -(ahead + spread)[inner]), side, lagging)
+        return _Equation(
+            diagonal, (-(back + spread)[inner], -(ahead + spread)[inner]), side, lagging
+        )
 
     def _lagging(self, phase: Phase, velocity: Array, gradient: Array, levels: Levels) -> Array:
         """Force on the owned cells that the matrix does not hold, of a known velocity [N]."""
