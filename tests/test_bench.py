@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from fem_tfm import bench
-from fem_tfm.bench import duct, error, stress, unsteady
+from fem_tfm.bench import duct, error, stress, unsteady, unsteady_error
 from fem_tfm.case import Case
 from fem_tfm.closures import make, names
 from fem_tfm.errors import InputError, SolverError
@@ -190,3 +190,19 @@ def test_the_cost_of_the_unsteady_flow_is_measured() -> None:
 
 def test_the_unsteady_flow_holds_no_more_memory_with_every_step() -> None:
     assert unsteady.growth(400) < 2000
+
+
+def test_the_unsteady_flow_is_held_against_the_march(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The first milliseconds of the filling: no grain has come as far as the last part."""
+    wanted = unsteady_error.Found(100.0, 0.1)
+    monkeypatch.setattr(unsteady_error, "reference", lambda wall, level: wanted)
+    text = unsteady_error.run("log-law", divisions=(1,), end=8e-3, pictures=tmp_path)
+    first, second = (line.split() for line in text.splitlines()[3:5])
+    assert [first[0], second[0]] == ["0", "1"] and first[1] == second[1] == "750"
+    gradients = [float(row[4]) for row in (first, second)]
+    assert 0 < gradients[0] == pytest.approx(gradients[1], rel=0.1)
+    assert float(first[5]) == pytest.approx(abs(gradients[0] / 100 - 1), rel=0.05)
+    assert float(first[6]) == pytest.approx(0.0, abs=1e-3)
+    assert (tmp_path / "unsteady_error_log-law.png").stat().st_size > 10000

@@ -627,7 +627,7 @@ def unsteady(dense: dict[str, Any], changes: dict[str, Any] | None = None) -> Ca
 def test_defaults_of_an_unsteady_flow(dense: dict[str, Any]) -> None:
     case = unsteady(dense)
     assert case.numerics.cells == "quadrilateral"
-    assert case.numerics.courant == 1.0
+    assert (case.numerics.courant, case.numerics.order) == (1.0, 0)
     assert case.initial.state == "rest"
 
 
@@ -666,6 +666,7 @@ def test_legs_of_a_bend(dense: dict[str, Any]) -> None:
     ("changes", "message"),
     [
         ({"numerics.end_time": None}, "numerics.end_time is not given: expected a number above 0"),
+        ({"numerics.order": 2}, "a whole number at least 0 and at most 1"),
         ({"numerics.time_step": 1e-12}, "at least numerics.smallest_time_step = 1e-09 s"),
         (
             {"initial.state": "bed", "initial.bed_fraction": 0.65},

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from fem_tfm.bench import duct, error, stress, unsteady
+from fem_tfm.bench import duct, error, stress, unsteady, unsteady_error
 from fem_tfm.errors import InputError, nearest
 
 BENCHMARKS: dict[str, Callable[[], str]] = {
@@ -19,6 +19,8 @@ BENCHMARKS: dict[str, Callable[[], str]] = {
     "stress-quick": stress.run_quick,
     "stress-turbulence": stress.run_turbulent,
     "unsteady": unsteady.run,
+    "unsteady-error": unsteady_error.run,
+    "unsteady-error-log-law": lambda: unsteady_error.run("log-law"),
     "unsteady-large": unsteady.run_large,
 }
 # what `fem-tfm bench` runs without a name

@@ -104,6 +104,17 @@ def test_a_step_of_ten_drag_times_lets_fine_grains_follow_the_gas(order: int) ->
     assert slip.max() < 0.05 * 6.43
 
 
+def test_what_is_closed_lets_no_solids_pass(order: int) -> None:
+    """Neither a feed that stops nor an outlet that is blocked goes on for a step."""
+    found = conveying(order)
+    found.start(0.3)
+    found.move(6.09 * AXIS, 6.43 * AXIS)
+    run(found, 1e-4, 4, FEED)
+    before = found.quantities()["holdup"]
+    run(found, 1e-4, 1, Feed(6.43, blocked=True))
+    assert found.quantities()["holdup"] == pytest.approx(before, rel=1e-12)
+
+
 def test_nearly_elastic_grains(order: int) -> None:
     run(conveying(order, {"solids.restitution": 0.99}), 2e-4, 40, FEED)
 

@@ -46,11 +46,11 @@ class Exact:
 class Strong:
     """Sources with which a given flow solves the equations of a case without gravity.
 
-        d(a_k)/dt + div(a_k u_k) = volume source
-        a_k rho_k (du_k/dt + u_k.grad u_k)
-            = -a_k grad p - grad p_s + div tau_k +- beta (u_g - u_s) + force
-        3/2 a_s rho_s (dTheta/dt + u_s.grad Theta)
-            = (tau_kin - p_kin I):grad u_s + div(kappa grad Theta) - gamma - 3 beta Theta + energy
+    d(a_k)/dt + div(a_k u_k) = volume source
+    a_k rho_k (du_k/dt + u_k.grad u_k)
+        = -a_k grad p - grad p_s + div tau_k +- beta (u_g - u_s) + force
+    3/2 a_s rho_s (dTheta/dt + u_s.grad Theta)
+        = (tau_kin - p_kin I):grad u_s + div(kappa grad Theta) - gamma - 3 beta Theta + energy
     """
 
     def __init__(self, case: Case, exact: Exact) -> None:

@@ -108,7 +108,9 @@ class Agitation:
                 # no more than what is there leaves by slopes
                 gradient = cells.whole(cells.gradient(found))
                 beyond = line.beyond(flux, found, cells.mean(found)[inner], gradient)
-                beyond = cells.within(levels.linear * beyond, 0.5 * rhs, np.full(cells.owned, np.inf))
+                beyond = cells.within(
+                    levels.linear * beyond, 0.5 * rhs, np.full(cells.owned, np.inf)
+                )
                 side = rhs - cells.sum(beyond)
             found = cells.whole(self._krylov.solve(side, found[own]))
             effort["theta"] += self._krylov.iterations

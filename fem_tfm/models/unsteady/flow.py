@@ -139,16 +139,16 @@ class Flow3D:
         """A step of the case's order, or of first order where that one fails."""
         if self.line.order:
             try:
-                return self._step(self._levels(dt), dt, feed)
+                return self._step(self._levels(dt, feed), dt, feed)
             except FAILURES:
                 pass
         return self._step(euler(self.line, self.now, dt), dt, feed)
 
-    def _levels(self, dt: float) -> Levels:
+    def _levels(self, dt: float, feed: Feed) -> Levels:
         limit = 1.0 if self.solids is None else self.solids.packing_limit
         if self.past is None:
             return euler(self.line, self.now, dt, limit)
-        return second_order(self.line, self.now, self.past, dt, limit)
+        return second_order(self.line, self.now, self.past, dt, limit, feed)
 
     def _step(
         self, levels: Levels, dt: float, feed: Feed

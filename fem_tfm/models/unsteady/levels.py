@@ -21,7 +21,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from fem_tfm.models.unsteady.line import Line
-from fem_tfm.models.unsteady.state import SMALLEST_FRACTION, Moment
+from fem_tfm.models.unsteady.state import SMALLEST_FRACTION, Feed, Moment
 from fem_tfm.solvers.cells import Array
 
 # solids between these shares of their packing go over to first order: in a bed the pressure of the
@@ -108,23 +108,34 @@ def euler(line: Line, now: Moment, dt: float, limit: float = 0.0) -> Levels:
     """
     cells = line.cells
     zero, one = (np.broadcast_to(value, cells.faces) for value in (0.0, 1.0))
-    given, loose, linear = np.broadcast_to(0.0, cells.owned), np.broadcast_to(0.0, cells.count), zero
+    given, loose, linear = (
+        np.broadcast_to(0.0, cells.owned),
+        np.broadcast_to(0.0, cells.count),
+        zero,
+    )
     if line.order and limit > 0:
         loose = _loose(now.alpha, limit)
         linear = _on_faces(line, loose)
     return Levels(now, None, 0.0, now, dt, dt, now, one, zero, given, zero, loose, linear)
 
 
-def second_order(line: Line, now: Moment, past: Past, dt: float, limit: float) -> Levels:
+def second_order(
+    line: Line, now: Moment, past: Past, dt: float, limit: float, feed: Feed
+) -> Levels:
     """Levels of a step of second order, of first order where the solids are packed (collective).
 
     limit : packing limit of the solids
+    feed : through what it closes nothing of the past passes
     """
     loose = _loose(np.maximum(now.alpha, past.alpha), limit)
     linear = _on_faces(line, loose)
     r = dt / past.dt
     weight = r / (1 + 2 * r)
     cells, faces = weight * loose, weight * linear
+    if feed.blocked:
+        faces[line.outlet] = 0.0
+    if feed.solids_fraction * feed.solids_velocity == 0:
+        faces[line.inlet] = 0.0
     kept = _kept(line, now, faces * past.passed, dt, limit)
     moving = np.where(past.passed == 0, 1.0, past.passed)
     share = 1 - np.where(past.passed == 0, faces, kept / moving)

@@ -75,9 +75,7 @@ class Line:
         """Volume flux into the domain at a mean velocity, negative as it enters [m3/s]."""
         return -mean * self.profile * self.cells.size[self.inlet]
 
-    def beyond(
-        self, flux: Array, values: Array, scale: Array | float, gradient: Array
-    ) -> Array:
+    def beyond(self, flux: Array, values: Array, scale: Array | float, gradient: Array) -> Array:
         """What linear values in cells add to an upwind flux of `values`.
 
         flux (faces) : what carries the values

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from fem_tfm.models.unsteady.laws import CellLaws
@@ -22,6 +24,20 @@ from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
 
 # residual that ends the solver, over U in every cell
 SMALL_VELOCITY = 1e-9
+
+
+@dataclass(frozen=True)
+class _Equation:
+    """Momentum of one phase in all owned cells.
+
+    diagonal, across : of the matrix, as `CellMatrix.set` takes them
+    side, lagging : right-hand side, and its part that follows the velocity [N]
+    """
+
+    diagonal: Array
+    across: tuple[Array, Array]
+    side: Array
+    lagging: Array
 
 
 class Momenta:
@@ -182,42 +198,16 @@ class Momenta:
         SolverError
             the linear solver does not converge.
         """
-        line, cells, own, inner = self.line, self.line.cells, self.line.own, self.line.inner
-        many = len(phases)
+        line, cells, own, many = self.line, self.line.cells, self.line.own, len(phases)
         coupling = beta[own] * line.volume
-        diagonals, across, sides, lagging = [], [], [], []
-        for phase, acceleration in zip(phases, accelerated, strict=True):
-            inertia = phase.density * np.maximum(phase.before[own], SMALLEST_FRACTION)
-            inertia = inertia * line.volume / levels.span
-            flux = phase.density * phase.flux
-            ahead, back = np.maximum(flux, 0.0), np.maximum(-flux, 0.0)
-            spread = cells.mean(phase.viscosity) * cells.reach
-            spread[cells.inner :] = 0.0
-            diagonal = inertia + cells.sum_out(back, ahead) + cells.add(spread)
-            rhs = inertia[:, None] * phase.velocity[own]
-            mass = phase.density * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
-            lagging.append(self._lagging(phase, phase.present, phase.gradient, levels))
-            rhs += (mass * line.volume)[:, None] * acceleration[own] + lagging[-1]
-            rhs += feed.inside.force(phase.name) * line.volume[:, None]
-            if line.has_wall:
-                cells.to_boundary("wall", diagonal, phase.traction)
-            if line.has_inlet:
-                mean = feed.mean_velocity(phase.name)
-                fraction = feed.fraction(phase.name)
-                entering = phase.density * fraction * -line.entering(mean)
-                velocity = -mean * line.profile[:, None] * line.normal[line.inlet]
-                # what a passing flux without inlet has left out
-                missing = entering - back[line.inlet]
-                cells.to_boundary("inlet", diagonal, missing)
-                cells.to_boundary("inlet", rhs, entering[:, None] * velocity)
-            diagonals.append(diagonal)
-            across.append((-(back + spread)[inner], -(ahead + spread)[inner]))
-            sides.append(rhs)
+        equations = [
+            self._equation(phase, acceleration, levels, feed)
+            for phase, acceleration in zip(phases, accelerated, strict=True)
+        ]
+        blocks = [one.diagonal for one in equations]
         if many == 2:
-            blocks = [diagonals[0] + coupling, -coupling, -coupling, diagonals[1] + coupling]
-        else:
-            blocks = diagonals
-        self._matrix.set(blocks, across)
+            blocks = [blocks[0] + coupling, -coupling, -coupling, blocks[1] + coupling]
+        self._matrix.set(blocks, [one.across for one in equations])
         self._krylov.renew()
         found = np.empty((cells.owned, many, 3))
         start = np.stack([phase.velocity[own] for phase in phases], axis=1)
@@ -225,13 +215,13 @@ class Momenta:
         # the components share one measure: what is small across the pipe need not be sharper
         largest = max(cells.total(start[:, :, i] ** 2) for i in range(3)) ** 0.5
         enough = TRANSPORT_TOLERANCE * largest + line.little(SMALL_VELOCITY * line.speed)
-        for turn in range(SLOPES if line.order else 1):
-            if turn:
-                for k, (phase, u) in enumerate(zip(phases, velocities, strict=True)):
-                    later = self._lagging(phase, u, cells.whole(cells.gradient(u)), levels)
-                    sides[k] += later - lagging[k]
-                    lagging[k] = later
-            side = np.stack(sides, axis=1)
+        given, velocities = np.stack([one.side for one in equations], axis=1), []
+        for _ in range(SLOPES if line.order else 1):
+            side = given.copy()
+            for k, u in enumerate(velocities):
+                gradient = cells.whole(cells.gradient(u))
+                later = self._lagging(phases[k], u, gradient, levels)
+                side[:, k] += later - equations[k].lagging
             for i in range(3):
                 x = self._krylov.solve(side[:, :, i].ravel(), start[:, :, i].ravel(), enough)
                 effort["momentum"] += self._krylov.iterations
@@ -239,6 +229,35 @@ class Momenta:
             start = found
             velocities = [cells.whole(np.ascontiguousarray(found[:, k])) for k in range(many)]
         return velocities
+
+    def _equation(self, phase: Phase, acceleration: Array, levels: Levels, feed: Feed) -> _Equation:
+        """Momentum of one phase without drag."""
+        line, cells, own, inner = self.line, self.line.cells, self.line.own, self.line.inner
+        inertia = phase.density * np.maximum(phase.before[own], SMALLEST_FRACTION)
+        inertia = inertia * line.volume / levels.span
+        flux = phase.density * phase.flux
+        ahead, back = np.maximum(flux, 0.0), np.maximum(-flux, 0.0)
+        spread = cells.mean(phase.viscosity) * cells.reach
+        spread[cells.inner :] = 0.0
+        diagonal = inertia + cells.sum_out(back, ahead) + cells.add(spread)
+        side = inertia[:, None] * phase.velocity[own]
+        mass = phase.density * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
+        lagging = self._lagging(phase, phase.present, phase.gradient, levels)
+        side += (mass * line.volume)[:, None] * acceleration[own] + lagging
+        side += feed.inside.force(phase.name) * line.volume[:, None]
+        if line.has_wall:
+            cells.to_boundary("wall", diagonal, phase.traction)
+        if line.has_inlet:
+            mean = feed.mean_velocity(phase.name)
+            entering = phase.density * feed.fraction(phase.name) * -line.entering(mean)
+            velocity = -mean * line.profile[:, None] * line.normal[line.inlet]
+            # what a passing flux without inlet has left out
+            missing = entering - back[line.inlet]
+            cells.to_boundary("inlet", diagonal, missing)
+            cells.to_boundary("inlet", side, entering[:, None] * velocity)
+        return _Equation(
+            diagonal, (-(back + spread)[inner], -(ahead + spread)[inner]), side, lagging
+        )
 
     def _lagging(self, phase: Phase, velocity: Array, gradient: Array, levels: Levels) -> Array:
         """Force on the owned cells that the matrix does not hold, of a known velocity [N]."""

@@ -142,7 +142,7 @@ class Moved:
 
     alpha : solids fraction [-]
     flux : volume flux of the solids through faces [m3/s]
-    passed, added : fluxes [m3/s] and sources [1/s] that have changed the fraction, means of the step
+    passed, added : fluxes [m3/s] and sources [1/s] that have changed the fraction in the step
     pressure : p_s that has moved them [Pa]
     dilation : div u_s of the velocities behind the flux [1/s]
     """
