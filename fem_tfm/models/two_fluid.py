@@ -519,8 +519,9 @@ class TwoFluid:
     def dispersion(self, now: State, v: Expr) -> Expr:
         """Turbulent dispersion tested with v, beta D (grad a/a - grad a_g/a_g).v, on the left."""
         solid = self.solid(now)
-        grains = self.grains(now, solid)
-        spread = self.closures.dispersion.diffusivity(self.gas_eddies(now), grains)
+        gas, grains = self.gas_eddies(now), self.grains(now, solid)
+        nu_s = self.closures.dispersed.viscosity(gas, grains)
+        spread = self.closures.dispersion.diffusivity(gas, grains, nu_s)
         crowding = (1 - solid.alpha / self.solids.packing_limit) * self.axis.gradient(now.q)
         force = grains.specific * solid.alpha * spread / (1 - solid.alpha) * crowding
         return ufl.inner(force, v) * self.domain.dx
