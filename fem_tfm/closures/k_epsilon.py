@@ -139,11 +139,14 @@ class StandardKEpsilon(TwoEquation):
 
         production - destruction of eps = (C_1 nu_t S^2 - C_2 eps)/k,  C_mu constant
 
+    A = 80 replaces the published 70: with it u+ = ln(9.8 y+)/0.41 within 5 % at Re 2e4 as well.
+
     Validity: attached turbulent flow; y+ of the wall law from 5 to 0.1 Re_tau.
     Source: Launder and Spalding (1974), Comput. Methods Appl. Mech. Eng. 3, 269-289; layer at the
     wall of Chen and Patel (1988), AIAA J. 26, 641-648.
     """
 
+    A: float = parameter(80.0, "-", "damping of mu_t next to the wall, fitted", gt=0)
     C_mu: float = parameter(C_MU, "-", "C_mu", gt=0)
     C_1: float = parameter(1.44, "-", "C_1", gt=0)
     C_2: float = parameter(1.92, "-", "C_2", gt=0)
