@@ -329,7 +329,7 @@ class LogLaw(OffsetWall):
     W is the Lambert function. Its argument carries Re_p + exp(-Re_p) for Re_p, so that the log
     branch does not undercut the viscous one below y+ = 0.1 and c -> mu_g/y as u -> 0.
 
-    n = 5 agrees best with the laws of turbulence: with each of them the friction of a smooth pipe is
+    n = 5 agrees best with the laws of turbulence: with each, the friction of a smooth pipe is
     within 3 % and u+ within 5 % of ln(9.8 y+)/0.41 from Re 2e4 on.
 
     Validity: attached flow along smooth walls, y+ < 1e4.
