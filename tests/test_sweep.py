@@ -13,7 +13,9 @@ import pytest
 from fem_tfm import sweep
 from fem_tfm.case import Case
 from fem_tfm.errors import InputError, SolverError
-from fem_tfm.flows import dense, developed
+from fem_tfm.flows import dense, developed, section
+from fem_tfm.flows.dense import setup_of
+from fem_tfm.flows.section import Setup
 
 SPEED, FRACTION = "operation.gas_superficial_velocity", "operation.solids_fraction"
 
@@ -90,6 +92,35 @@ def test_updated_numbers_are_those_of_a_new_section(dense: dict[str, Any]) -> No
     assert warm.quantities["pressure_gradient"] == pytest.approx(
         cold.quantities["pressure_gradient"], rel=1e-7
     )
+
+
+def test_a_far_point_is_approached_in_parts(dense: dict[str, Any], monkeypatch) -> None:
+    """A point that one step does not reach is followed to, and its answer is the cold one."""
+    case, shares = coarse(dense), []
+
+    def between(a: Setup, b: Setup, share: float) -> Setup:
+        shares.append(share)
+        return section.between(a, b, share)
+
+    monkeypatch.setattr(developed, "between", between)
+    far = {SPEED: 2.5, FRACTION: 0.45}
+    warm = list(sweep.solve(case, [sweep.Point(0, {}), sweep.Point(1, far)]))[1]
+    (cold,) = sweep.solve(case, [sweep.Point(1, far)])
+    assert (warm.status, warm.start, cold.start) == ("converged", "warm", "cold")
+    assert 0.0 < min(shares) < max(shares) == 1.0
+    assert warm.quantities["pressure_gradient"] == pytest.approx(
+        cold.quantities["pressure_gradient"], rel=1e-7
+    )
+
+
+def test_numbers_between_two_setups(dense: dict[str, Any]) -> None:
+    case = coarse(dense)
+    changed = case.with_values({SPEED: 8.43, "solids.restitution": 0.9})
+    found = section.between(setup_of(case), setup_of(changed), 0.25)
+    assert found.gas_velocity == pytest.approx(6.93)
+    assert found.solids.restitution == pytest.approx(0.75)
+    assert found.structure == setup_of(case).structure
+    assert section.between(setup_of(case), setup_of(changed), 1.0) == setup_of(changed)
 
 
 def test_another_mesh_starts_cold(dense: dict[str, Any]) -> None:

@@ -83,26 +83,30 @@ PARAMETERS = {
     "solids.restitution": "restitution e",
     "walls.distance": "distance of the wall law",
     "closures.dispersion.sigma": "Schmidt number of the dispersion",
-    "walls.grain_gap": "gap of the drag at the wall",
+    "closures.dispersed.normal_stress": "share of the eddies' normal stress",
     "walls.solids.sliding_heat": "share of the sliding work that heats the grains",
 }
-SHARES = {"walls.solids.sliding_heat": (0.0, 1.0)}
+SHARES = {
+    "closures.dispersed.normal_stress": (0.0, 1.0),
+    "walls.solids.sliding_heat": (0.0, 1.0),
+}
 # other choices that the paper leaves open, each in place of the one of study.toml
 ALTERNATIVES: dict[str, dict[str, Any]] = {
     "none": {},
     "log law of the velocity at the wall": {"walls.gas": "log-law"},
-    "log law of the turbulent energy at the wall": {"walls.gas": "log-law-k"},
     "no turbulent dispersion": {"closures.dispersion": "none"},
     "Simonin's dispersion": {"closures.dispersion": "simonin"},
-    "drag up to the wall": {"walls.grain_gap": 0.0},
+    "dispersion by both phases' eddies": {"closures.dispersion": "drift"},
+    "no normal stress of the eddies": {"closures.dispersed": "k-epsilon"},
+    "drag that fades within a grain of the wall": {"walls.grain_gap": 1.0},
     "sliding does not heat the grains": {"walls.solids.sliding_heat": 0.0},
     "turbulence of the gas alone": {"closures.turbulence": "realizable",
                                     "closures.dispersed": "none"},
     "mixing length": {"closures.turbulence": "mixing-length", "closures.dispersed": "none",
                       "closures.dispersion": "none", "walls.gas": "log-law"},
     "grains of 0.1 mm": {"solids.diameter": 1e-4},
-    "wall law at half the distance": {"walls.distance": 5e-5},
-    "wall law at twice the distance": {"walls.distance": 2e-4},
+    "wall law at half the distance": {"walls.distance": 1.6e-4},
+    "wall law at twice the distance": {"walls.distance": 6.4e-4},
     "grains of 1400 kg/m3": {"solids.density": 1400.0},
     "no friction": {"closures.friction": "none"},
 }  # fmt: skip

@@ -28,7 +28,7 @@ DEMO = {
 }
 FEED = Feed(6.43, 0.245, 6.09)
 # level and layers of some 2, 10 and 27 thousand cells, and of 100 and 200 thousand
-MESHES, LARGE = ((1, 25), (2, 60), (3, 85)), ((4, 200), (5, 280))
+MESHES, LARGE = ((1, 25), (2, 60), (3, 85)), ((3, 313), (3, 625))
 STEP, FIRST, STEPS = 2e-4, 10, 40
 # stretches of steps of which the fastest counts: other processes only make them slower
 STRETCHES = 4

@@ -214,7 +214,8 @@ class DispersedKEpsilon(Dispersed):
         C_gs = 2 eta/(1 + eta),  eta = tau_t/tau_F,  nu_s = C_mu k_s^2/eps_s
 
     with the realizable C_1 and C_mu of the solids' own rates of strain. No flux of k_s and eps_s
-    through walls.
+    through walls. Boussinesq's stress has the part -(2/3) a rho k I in each phase, which the
+    published stresses leave out; in the solids it lifts the bed as a pressure does.
 
     Validity: as published for dense-phase conveying.
     Source: Ding et al. (2024), Appl. Sci. 14, 2031, eqs. (5)-(8); exchange of Simonin (1996), VKI
@@ -232,6 +233,9 @@ class DispersedKEpsilon(Dispersed):
     C_2: float = parameter(1.9, "-", "C_2", gt=0)
     sigma_k: float = parameter(1.0, "-", "sigma_k", gt=0)
     sigma_eps: float = parameter(1.2, "-", "sigma_eps", gt=0)
+    normal_stress: float = parameter(
+        0.0, "-", "share of 2/3 a rho k in the stress of each phase, 0 as published", ge=0, le=1
+    )
 
     def viscosity(self, gas: GasEddies, grains: Grains) -> Value:
         """nu_s [m2/s]."""

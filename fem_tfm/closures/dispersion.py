@@ -3,8 +3,8 @@
 
     force on the solids = -beta D (grad a/a - grad a_g/a_g),  the opposite on the gas
 
-Symbols: a = alpha_s, a_g = 1 - a, beta drag coefficient [kg/m3/s], D diffusivity [m2/s], nu_g eddy
-viscosity of the gas [m2/s], the others as in the family dispersed.
+Symbols: a = alpha_s, a_g = 1 - a, beta drag coefficient [kg/m3/s], D diffusivity [m2/s], nu_g and
+nu_s eddy viscosities of gas and solids [m2/s], the others as in the family dispersed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Dispersion(Closure):
     needs_k: ClassVar[bool] = False
 
     @abstractmethod
-    def diffusivity(self, gas: GasEddies, grains: Grains) -> Value:
+    def diffusivity(self, gas: GasEddies, grains: Grains, nu_s: Value) -> Value:
         """D [m2/s]."""
 
 
@@ -42,7 +42,7 @@ class NoDispersion(Dispersion):
     Source: definition.
     """
 
-    def diffusivity(self, gas: GasEddies, grains: Grains) -> Value:
+    def diffusivity(self, gas: GasEddies, grains: Grains, nu_s: Value) -> Value:
         """Zero."""
         return 0.0
 
@@ -60,7 +60,7 @@ class Burns(Dispersion):
 
     sigma: float = parameter(0.9, "-", "Schmidt number", gt=0)
 
-    def diffusivity(self, gas: GasEddies, grains: Grains) -> Value:
+    def diffusivity(self, gas: GasEddies, grains: Grains, nu_s: Value) -> Value:
         """D [m2/s]."""
         return gas.nu / self.sigma
 
@@ -81,8 +81,29 @@ class SimoninDispersion(Dispersion):
     C_A: float = parameter(0.5, "-", "added mass", ge=0)
     C_beta: float = parameter(0.45, "-", "crossing trajectories, slip along the flow", ge=0)
 
-    def diffusivity(self, gas: GasEddies, grains: Grains) -> Value:
+    def diffusivity(self, gas: GasEddies, grains: Grains, nu_s: Value) -> Value:
         """D [m2/s]."""
         time = eddy_time(gas, grains, self.C_beta)
         eta = time / relaxation_time(gas, grains, self.C_A)
         return 2 / 3 * time * gas.k * eta / (1 + eta)
+
+
+@register("dispersion", "drift")
+@dataclass(frozen=True)
+class Drift(Dispersion):
+    """Each phase spreads by its own eddies: the force whose work the dispersed laws count.
+
+        D = (a_g nu_s + a nu_g)/sigma
+        force on the solids = -beta (nu_s grad a/a - nu_g grad a_g/a_g)/sigma
+
+    Validity: turbulence transported in both phases; nu_s = 0 leaves dilute regions unmixed.
+    Source: Ding et al. (2024), Appl. Sci. 14, 2031, drift terms of eqs. (5)-(8).
+    """
+
+    needs_k: ClassVar[bool] = True
+
+    sigma: float = parameter(1.0, "-", "Schmidt number", gt=0)
+
+    def diffusivity(self, gas: GasEddies, grains: Grains, nu_s: Value) -> Value:
+        """D [m2/s]."""
+        return ((1 - grains.alpha) * nu_s + grains.alpha * gas.nu) / self.sigma

@@ -198,7 +198,7 @@ class RealizableKEpsilon(TwoEquation):
     (1988), AIAA J. 26, 641-648.
     """
 
-    kappa: float = parameter(0.425, "-", "von Karman constant of the wall's length scale", gt=0)
+    kappa: float = parameter(0.43, "-", "von Karman constant of the wall's length scale", gt=0)
     A_0: float = parameter(4.04, "-", "A_0 of C_mu", gt=0)
     C_2: float = parameter(1.9, "-", "C_2", gt=0)
     sigma_k: float = parameter(1.0, "-", "sigma_k", gt=0)

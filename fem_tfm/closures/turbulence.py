@@ -128,14 +128,14 @@ class MixingLength(Algebraic):
 
     y+ comes from the local shear: Re_S = y+^2 in the viscous sublayer and y+/kappa in the log
     layer, so no wall stress is needed. The estimate runs ahead of y+ in the buffer layer, so
-    that A = 35 replaces van Driest's 26: u+ = ln(9.8 y+)/0.41 within 3 % for 50 < y+ < 500.
+    that A = 33 replaces van Driest's 26: u+ = ln(9.8 y+)/0.41 within 3 % for 50 < y+ < 500.
 
     Validity: fully developed flow in pipes and ducts, smooth walls.
     Source: Nikuradse (1932), VDI-Forschungsheft 356; van Driest (1956), J. Aeronaut. Sci. 23,
     1007-1011.
     """
 
-    A: float = parameter(35.0, "-", "damping constant, fitted to the log law", gt=0)
+    A: float = parameter(33.0, "-", "damping constant, fitted to the log law", gt=0)
     kappa: float = parameter(0.41, "-", "von Karman constant", gt=0)
     Re_0: float = parameter(60.0, "-", "Re_S at which the estimate of y+ switches", gt=0)
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import start
-from fem_tfm.flows.section import Section, Setup
+from fem_tfm.flows.section import Section, Setup, between
 from fem_tfm.mesh import Mesh
 from fem_tfm.solvers.pseudo_time import History, PseudoTime, StepControl
 
@@ -30,6 +30,9 @@ GUIDE_TOLERANCE = 1e-6
 PATIENCE, FOLLOWING = 0.5, 0.3
 # steps of a careful march end closer to their solution and grow slower
 CAREFUL = {"loose": 0.1, "max_iterations": 15, "growth": 1.5}
+# a neighbouring problem is approached in up to two to the power of this many parts, each of which
+# ends at this update; a part whose steps have to shrink below a share of the largest is halved
+HALVINGS, PART_TOLERANCE, LEAST_SHARE = 4, 5e-2, 0.5
 # factors on the terms of the mesh, tried where the standard ones lead to no steady state
 RAISED = (4.0, 16.0)
 
@@ -259,7 +262,8 @@ def resolve(
     """Solve a neighbouring problem on the last two meshes of a solution, which is used up.
 
     The setup has the structure of the old one and differs in numbers. The coarser mesh starts from
-    its old state, the finer one from its old state and the change of the coarser.
+    its old state, the finer one from its old state and the change of the coarser. What is too far
+    away for that is approached in parts.
 
     Raises
     ------
@@ -269,20 +273,51 @@ def resolve(
     found, coarser = Solution(), None
     for old in solution.levels[-2:]:
         section, cpu = old.section, time.process_time()
+        given, before = section.setup, section.stored()
         section.update(setup)
-        before = section.now.x.array.copy()
         if coarser is not None:
             start.follow(section, *coarser)
         length = section.mesh.geometry.hydraulic_diameter
         enough = max(tolerance, GUIDE_TOLERANCE) if old is not solution.levels[-1] else tolerance
         control = step_control(setup, length, enough, max_steps)
-        march = _march(section, control, observer)
-        march.approach()
-        history = march.run(first=control.largest)
-        coarser = section, before
+        # only here do the factors at hand belong to a solved neighbour
+        _march(section, control, observer).approach()
+        try:
+            history = _direct(section, control, observer)
+        except SolverError:
+            section.restore(before)
+            history = _by_parts(section, given, setup, control, observer)
+        coarser = section, before[0]
         drive, cpu = float(section.drive.value), time.process_time() - cpu
         found.levels.append(Level(section, history, drive, 0.0, cpu))
     return found
+
+
+def _direct(section: Section, control: StepControl, observer: Observer) -> History:
+    """Steps of about the largest size alone; SolverError where they have to shrink."""
+    control = replace(control, smallest=LEAST_SHARE * control.largest)
+    return _march(section, control, observer).run(first=control.largest)
+
+
+def _by_parts(
+    section: Section, given: Setup, wanted: Setup, control: StepControl, observer: Observer
+) -> History:
+    """Follow the steady state from one setup to another; where that fails, march to it."""
+    rough, done, part = replace(control, tolerance=PART_TOLERANCE), 0.0, 0.5
+    while part >= 0.5**HALVINGS:
+        kept, share = section.stored(), min(done + part, 1.0)
+        section.update(between(given, wanted, share))
+        try:
+            if share == 1.0:
+                return _direct(section, control, observer)
+            _direct(section, rough, observer)
+        except SolverError:
+            section.restore(kept)
+            part /= 2
+        else:
+            done = share
+    section.update(wanted)
+    return _march(section, control, observer).run(first=control.largest)
 
 
 def with_changes(

@@ -9,7 +9,7 @@ alpha_s lives in the space of the velocity components, so that momentum closes.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
 import basix.ufl
@@ -71,6 +71,18 @@ class Setup:
             wrap(self.gravity),
             self.numerics.bound(wrap),
         )
+
+
+def between(a: Any, b: Any, share: float) -> Any:
+    """A setup whose numbers lie between those of two of the same structure, b's at a share of 1."""
+    if isinstance(a, float):
+        return (1 - share) * a + share * b
+    if isinstance(a, tuple):
+        return tuple(between(x, y, share) for x, y in zip(a, b, strict=True))
+    if is_dataclass(a):
+        parts = {f.name: between(getattr(a, f.name), getattr(b, f.name), share) for f in fields(a)}
+        return replace(b, **parts)
+    return b
 
 
 def _structure(law: Any) -> Any:

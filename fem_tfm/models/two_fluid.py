@@ -395,6 +395,7 @@ class TwoFluid:
         a, a0 = solid.alpha, self.alpha(old)
         eddy = rho * a * self.grid_viscosity(now.u_s)
         stress = solid.stress() + 2 * eddy * solid.strain
+        stress -= self.eddy_pressure(now.ln_k_s, now) * rho * a * ufl.Identity(3)
         flux = a * now.u_s + self.numerical_flux(now)
         body = a * (self.axis.gradient(now.p) - (rho - self.gas.density) * self.gravity)
         along = self.axis.change(lambda s: self.alpha(s) * s.u_s[2] * s.u_s, now)
@@ -418,6 +419,7 @@ class TwoFluid:
             flux = flux - self.numerical_flux(now)
             mu += rho * self.grid_viscosity(now.u_g)
         stress = 2 * a * mu * deviatoric_strain(self.rate(now, "u_g"))
+        stress -= self.eddy_pressure(now.ln_k, now) * rho * a * ufl.Identity(3)
         along = self.axis.change(lambda s: (1 - self.alpha(s)) * s.u_g[2] * s.u_g, now)
         form = (
             rho * idt * ufl.inner(a * now.u_g - a0 * old.u_g, v)
@@ -431,6 +433,12 @@ class TwoFluid:
         return form + self.wall_terms(
             now.u_g, v, a * self.gas_wall_traction(now), stress, a * mu, rho * a
         )
+
+    def eddy_pressure(self, ln_k: Expr | None, state: State) -> Expr:
+        """Share of the normal stress 2/3 k of the eddies over a rho [m2/s2]."""
+        if state.ln_k_s is None:
+            return ufl.as_ufl(0.0)
+        return self.closures.dispersed.normal_stress * 2 / 3 * ufl.exp(ln_k)
 
     def granular_energy(self, now: State, old: State, w: Expr, idt: Any) -> ufl.Form:
         """Granular energy in c, or production = dissipation with `theta = "algebraic"`.
@@ -519,8 +527,9 @@ class TwoFluid:
     def dispersion(self, now: State, v: Expr) -> Expr:
         """Turbulent dispersion tested with v, beta D (grad a/a - grad a_g/a_g).v, on the left."""
         solid = self.solid(now)
-        grains = self.grains(now, solid)
-        spread = self.closures.dispersion.diffusivity(self.gas_eddies(now), grains)
+        gas, grains = self.gas_eddies(now), self.grains(now, solid)
+        nu_s = self.closures.dispersed.viscosity(gas, grains)
+        spread = self.closures.dispersion.diffusivity(gas, grains, nu_s)
         crowding = (1 - solid.alpha / self.solids.packing_limit) * self.axis.gradient(now.q)
         force = grains.specific * solid.alpha * spread / (1 - solid.alpha) * crowding
         return ufl.inner(force, v) * self.domain.dx

@@ -187,6 +187,11 @@ class Cells:
             ),
             shape=(self.faces, self.count),
         )
+        # vectors interpolated and projected at once
+        along = [sparse.diags_array(self.area[:, i]) @ self._mean for i in range(3)]
+        corner = [sparse.csr_array(np.eye(3)[i : i + 1]) for i in range(3)]
+        parts = (sparse.kron(part, one) for part, one in zip(along, corner, strict=True))
+        self._flux = sparse.csr_array(sum(parts))
         self._gradient = self._least_squares(mine, yours)
 
     def _least_squares(self, mine: Array, yours: Array) -> sparse.csr_array:
@@ -226,6 +231,10 @@ class Cells:
     def mean(self, values: Array) -> Array:
         """Values on the faces, interpolated; those of the cell itself on the boundary."""
         return self._mean @ values
+
+    def flux(self, vectors: Array) -> Array:
+        """Flux through the faces of vectors (count, 3), interpolated as by `mean`."""
+        return self._flux @ vectors.ravel()
 
     def gradient(self, values: Array) -> Array:
         """Gradient in the owned cells by least squares over their neighbours, (owned, ..., 3)."""

@@ -109,12 +109,22 @@ def test_start_of_the_solids(grains):
 
 
 def test_dispersion(grains):
-    assert make("dispersion", "none").diffusivity(GAS, grains) == 0.0
-    assert make("dispersion", "burns").diffusivity(GAS, grains) == pytest.approx(GAS.nu / 0.9)
+    assert make("dispersion", "none").diffusivity(GAS, grains, 0.0) == 0.0
+    burns = make("dispersion", "burns").diffusivity(GAS, grains, 0.0)
+    assert burns == pytest.approx(GAS.nu / 0.9)
     tau_t, tau_f = times()
     eta = tau_t / tau_f
-    found = make("dispersion", "simonin").diffusivity(GAS, grains)
+    found = make("dispersion", "simonin").diffusivity(GAS, grains, 0.0)
     assert found == pytest.approx(tau_t / 3 * 0.6 * eta / (1 + eta))
+
+
+def test_drift_does_the_work_that_the_turbulence_receives(grains):
+    """Force -beta D (grad a/a - grad a_g/a_g) times the slip is the drift power of eqs. (5)-(8)."""
+    nu_s, sigma = 3e-5, 0.8
+    law = make("dispersion", {"model": "drift", "sigma": sigma})
+    force_per_gradient = 2e4 * law.diffusivity(GAS, grains, nu_s) / 0.8
+    # beta (u_g - u_s).grad a/a = -beta drift, over a
+    assert force_per_gradient * 30.0 == pytest.approx(drift_power(nu_s, sigma))
 
 
 @pytest.mark.parametrize("name", names("dispersed"))

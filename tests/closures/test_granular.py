@@ -45,6 +45,13 @@ def test_closed_numbers(agree, name):
 
 
 @pytest.mark.parametrize("name", LAWS)
+def test_the_pressure_alone_is_that_of_the_coefficients(name):
+    law, solids = make("granular", name), unit(0.8)
+    pressure = law.coefficients(0.3, 4.0, 2.5, solids, 10.0).pressure
+    assert law.pressure(0.3, 4.0, 2.5, solids) == pytest.approx(pressure, rel=1e-15)
+
+
+@pytest.mark.parametrize("name", LAWS)
 @pytest.mark.parametrize("theta", [0.0, 1e-10, 1e-2])
 def test_finite_positive_and_differentiable(smooth, name, theta, coal):
     law, radial = make("granular", name), make("radial", "savage")

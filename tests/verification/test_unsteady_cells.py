@@ -50,6 +50,14 @@ def test_linear_fields_have_their_gradient_and_their_values_on_faces(shape: str)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
+def test_vectors_flow_through_faces_as_their_means_do(shape: str) -> None:
+    cells = cells_of(shape)
+    vectors = np.sin(cells.centre * SLOPE)
+    wanted = np.einsum("ni,ni->n", cells.mean(vectors), cells.area)
+    assert np.abs(cells.flux(vectors) - wanted).max() < 1e-15
+
+
+@pytest.mark.parametrize("shape", SHAPES)
 def test_a_uniform_field_is_found_from_its_fluxes(shape: str) -> None:
     cells = cells_of(shape)
     normal = cells.area @ SLOPE / cells.size

@@ -92,6 +92,18 @@ def test_a_blocked_outlet_packs_the_duct(order: int, dt: float) -> None:
     assert found.now.alpha.max() > 0.5
 
 
+def test_a_step_of_ten_drag_times_lets_fine_grains_follow_the_gas(order: int) -> None:
+    found = conveying(order, {"solids.diameter": 2e-5})
+    drag = found.case.closures.drag
+    beta = drag.beta(0.2, 1e-3, found.gas, found.solids)
+    dt = 10 * 0.2 * found.solids.density / beta
+    run(found, dt, 40, FEED)
+    now, far = found.now, found.cells.centre[:, 2] > 0.02
+    assert dt > 1e-3 and now.alpha[far].max() > 0.1
+    slip = np.linalg.norm(now.u_g - now.u_s, axis=1)[far]
+    assert slip.max() < 0.05 * 6.43
+
+
 def test_what_is_closed_lets_no_solids_pass(order: int) -> None:
     """Neither a feed that stops nor an outlet that is blocked goes on for a step."""
     found = conveying(order)

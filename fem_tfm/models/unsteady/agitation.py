@@ -43,6 +43,7 @@ class Agitation:
     def warm(
         self,
         old: Moment,
+        beta: Array,
         levels: Levels,
         start: Moment,
         moved: Moved,
@@ -52,7 +53,7 @@ class Agitation:
     ) -> Array:
         """Granular temperature after a step from `start` [m2/s2] (collective).
 
-        old : state of which coefficients are taken
+        old, beta : state of which coefficients are taken, and its drag [kg/m3/s]
 
         Raises
         ------
@@ -69,7 +70,6 @@ class Agitation:
             trusted = levels.loose * (both | (moved.dilation > 0))
             dilation = dilation + trusted * (moved.dilation - dilation)
         grains = laws.grains(alpha, old.theta, replace(rates, dilation=dilation))
-        beta = laws.drag(alpha, old.u_g - old.u_s)
         if laws.laws.theta == "algebraic":
             return laws.balanced_theta(alpha, grains, rates.shear, beta)
         own, inner, k = line.own, line.inner, grains.kinetic

@@ -98,7 +98,7 @@ class Flow3D:
         """Give both phases velocities, (3,) or (cells, 3) [m/s]; walls hold their normal part."""
         cells = self.cells
         u_s, u_g = (np.broadcast_to(u, (cells.count, 3)).astype(float) for u in (u_s, u_g))
-        fluxes = [np.einsum("ni,ni->n", cells.mean(u), cells.area) for u in (u_s, u_g)]
+        fluxes = [cells.flux(u) for u in (u_s, u_g)]
         for flux in fluxes:
             for part in ("wall", "symmetry"):
                 flux[cells.parts.get(part, slice(0, 0))] = 0.0
@@ -167,9 +167,10 @@ class Flow3D:
                 lost = cells.sum(moved.flux) / self.line.volume - feed.inside.solids
                 before = moved.alpha[: cells.owned] + levels.span * lost
                 start = replace(start, alpha=cells.whole(np.clip(before, 0.0, 1.0)))
-            theta = self.agitation.warm(old, levels, start, moved, rates, feed, effort)
-            at = replace(old, alpha=moved.alpha, theta=theta)
+            at = replace(old, alpha=moved.alpha)
             beta = self._drag(at)
+            theta = self.agitation.warm(at, beta, levels, start, moved, rates, feed, effort)
+            at = replace(at, theta=theta)
         phases = self.momenta.phases(at, levels, start, moved, rates)
         gaps, accelerated = self.momenta.forces(at, phases, feed)
         guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort)

@@ -159,7 +159,7 @@ class Momenta:
                 force[line.outlet] = 0.0
             mass = phase.density * share
             vector = cells.whole(line.reconstruct(force / mass))
-            average = np.einsum("ni,ni->n", cells.mean(vector), line.normal)
+            average = cells.flux(vector) / cells.size
             gaps.append(force - mass * average * line.open)
             accelerated.append(vector)
         return gaps, accelerated

@@ -75,7 +75,7 @@ class Projection:
         blocked = feed.blocked and len(phases) == 2
         carried = []
         for row, phase, velocity in zip(response, phases, guess, strict=True):
-            flux = np.einsum("ni,ni->n", cells.mean(velocity), cells.area)
+            flux = cells.flux(velocity)
             flux += cells.size * sum(r * gap for r, gap in zip(row, gaps, strict=True))
             flux *= line.open
             if line.has_inlet:
@@ -118,8 +118,8 @@ class Projection:
         p_s, pushed = phases[0].pressure, np.zeros(cells.faces)
         pushed[inner] = -response[0][0][inner] * cells.reach[inner]
         pushed[inner] *= p_s[cells.second] - p_s[cells.first[inner]]
-        # a flux itself forgets what alternates from cell to cell: it must not be credited with it
-        gained = np.einsum("ni,ni->n", cells.mean(moved[0] - at.u_s), cells.area) / dt
+        # a flux forgets what alternates from cell to cell, and must not be credited with it
+        gained = cells.flux(moved[0] - at.u_s) / dt
         return replace(
             found,
             u_s=moved[0],
