@@ -165,9 +165,8 @@ def estimated(
     change, gradient = changes["pressure_gradient"], abs(found["pressure_gradient"])
     if change > LARGEST_CHANGE * gradient:
         raise SolverError(
-            f"a steady state was found only with {section.mesh_terms:g} times numerics.capture and"
-            f" numerics.damping, which decide it: doubling them changes {gradient:.3g} Pa/m by"
-            f" {change:.3g}"
+            f"a steady state was found only with {terms_of_mesh(section)}, which decide it:"
+            f" doubling them changes {gradient:.3g} Pa/m by {change:.3g}"
         )
     return found, {name: (errors[name] or 0.0) + changes[name] for name in found}
 
@@ -250,11 +249,20 @@ def skipped_laws(case: Case) -> list[str]:
     return left_out
 
 
+def terms_of_mesh(section: Section) -> str:
+    """The raised terms of the mesh in words."""
+    terms = section.mesh_terms
+    if terms.rate == 1:
+        return f"{terms.strength:g} times numerics.capture and numerics.damping"
+    rate = terms.rate * SMALLEST_RATE
+    return f"a rate of {rate:.2g} U_g/D added to those of numerics.capture and numerics.damping"
+
+
 def raised_terms(section: Section) -> str:
     """What an answer with raised terms of the mesh must say."""
     return (
-        f"standard terms of the mesh: no steady state was found below {section.mesh_terms:g} times"
-        " numerics.capture and numerics.damping; error_estimate holds the effect"
+        f"standard terms of the mesh: a steady state was found with {terms_of_mesh(section)} and"
+        " not with less; error_estimate holds the effect"
     )
 
 
@@ -330,7 +338,7 @@ def solve(case: Case, recorder: DenseRecorder) -> Answer:
     kept = checked_balances(solution.section)
     found, errors = estimated(solution, case.geometry.length)
     section = solution.section
-    notes = [raised_terms(section)] if section.mesh_terms > 1 else []
+    notes = [raised_terms(section)] if section.mesh_terms.raised else []
     return Answer("converged", found, kept, "pressure_gradient", errors, notes=notes)
 
 

@@ -15,8 +15,8 @@ from functools import partial
 from typing import Any
 
 from fem_tfm.errors import SolverError
-from fem_tfm.flows import start
-from fem_tfm.flows.section import Section, Setup
+from fem_tfm.flows import easing, start
+from fem_tfm.flows.section import MeshTerms, Section, Setup
 from fem_tfm.mesh import Mesh
 from fem_tfm.solvers.pseudo_time import History, PseudoTime, StepControl
 
@@ -92,14 +92,14 @@ QUIET = Observer()
 class Scheme:
     """How the sections of one kind of flow are made, started and stepped.
 
-    ease : multiplies the terms of the mesh by a factor; None where a section has none
+    ease : multiplies the terms of the mesh by factors; None where a section has none
     """
 
     section: Callable[..., Any] = Section
     cold: Callable[[Any], None] = start.cold
     warm: Callable[[Any, Any], None] = start.warm
     control: Callable[..., StepControl] = step_control
-    ease: Callable[[Any, float], None] | None = None
+    ease: Callable[[Any, MeshTerms], None] | None = None
 
 
 DENSE = Scheme(ease=Section.ease)
@@ -115,8 +115,9 @@ def solve_level(
     """Steady state of one section from a cold start, or from another mesh's answer.
 
     A warm start takes the largest step at once; if it gets nowhere the section starts cold, at
-    first quickly, then carefully. What still fails is solved with raised terms of the mesh, which
-    are then lowered as far as the solution follows; the section tells how far that was.
+    first quickly, then carefully. What still fails is solved with raised terms of the mesh, first
+    those that calm it down, which are then lowered as far as the solution follows; the section
+    tells how far that was.
 
     Raises
     ------
@@ -132,8 +133,11 @@ def solve_level(
     if scheme.ease is not None:
         steps = math.ceil(FOLLOWING * control.max_steps)
         follower = _march(section, replace(control, max_steps=steps), observer)
-        lowered = partial(_lowered, section, march, follower, scheme)
-        ways += [(partial(lowered, f), partial(_raised, scheme, f)) for f in RAISED]
+        stepper = partial(_march, section, observer=observer)
+        calming = easing.Calming(section, stepper, control, scheme.ease)
+        ways.append((calming.run, partial(_eased, scheme, MeshTerms(rate=10**easing.CALMEST))))
+        lowered = partial(easing.lowered, section, march, follower, scheme.ease)
+        ways += [(partial(lowered, f), partial(_eased, scheme, MeshTerms(f))) for f in RAISED]
     for run, begin in ways[:-1]:
         begin(section)
         try:
@@ -156,41 +160,11 @@ def _whole(scheme: Scheme, section: Any) -> None:
     scheme.cold(section)
 
 
-def _raised(scheme: Scheme, factor: float, section: Any) -> None:
-    """Start cold with raised terms of the mesh."""
+def _eased(scheme: Scheme, terms: MeshTerms, section: Any) -> None:
+    """Start cold with other terms of the mesh."""
     section.newton.saturate = True
-    scheme.ease(section, factor)
+    scheme.ease(section, terms)
     scheme.cold(section)
-
-
-def _lowered(
-    section: Any, march: PseudoTime, follower: PseudoTime, scheme: Scheme, factor: float
-) -> History:
-    """Steady state at raised terms of the mesh, then at half of them, down to the standard.
-
-    Where the standard is not reached, the difference to the state before is part of the error: what
-    the last halving of the terms changed, the rest of them changes as much again.
-    """
-    history = march.run()
-    section.rougher = None
-    while factor > 1:
-        kept = section.stored()
-        scheme.ease(section, factor / 2)
-        try:
-            history = follower.run(march.control.largest)
-        except SolverError:
-            scheme.ease(section, factor)
-            section.restore(kept)
-            break
-        factor, section.rougher = factor / 2, kept if factor > 2 else None
-    if factor > 1 and section.rougher is None:
-        kept = section.stored()
-        scheme.ease(section, 2 * factor)
-        follower.run(march.control.largest)
-        section.rougher = section.stored()
-        scheme.ease(section, factor)
-        section.restore(kept)
-    return history
 
 
 def _march(section: Section, control: StepControl, observer: Observer) -> PseudoTime:
