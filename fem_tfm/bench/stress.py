@@ -76,7 +76,7 @@ class Outcome:
     cpu_seconds: float
     gradient: float = math.nan
     error: float = math.nan
-    mesh_terms: MeshTerms = MeshTerms()
+    mesh_terms: MeshTerms = field(default_factory=MeshTerms)
 
     @property
     def converged(self) -> bool:

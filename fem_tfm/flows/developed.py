@@ -93,6 +93,7 @@ class Scheme:
     """How the sections of one kind of flow are made, started and stepped.
 
     ease : multiplies the terms of the mesh by factors; None where a section has none
+    calm : starts a section with a large least rate of these terms
     """
 
     section: Callable[..., Any] = Section
@@ -100,6 +101,7 @@ class Scheme:
     warm: Callable[[Any, Any], None] = start.warm
     control: Callable[..., StepControl] = step_control
     ease: Callable[[Any, MeshTerms], None] | None = None
+    calm: Callable[[Any], None] = start.calm
 
 
 DENSE = Scheme(ease=Section.ease)
@@ -133,9 +135,10 @@ def solve_level(
     if scheme.ease is not None:
         steps = math.ceil(FOLLOWING * control.max_steps)
         follower = _march(section, replace(control, max_steps=steps), observer)
-        stepper = partial(_march, section, observer=observer)
-        calming = easing.Calming(section, stepper, control, scheme.ease)
-        ways.append((calming.run, partial(_eased, scheme, MeshTerms(rate=10**easing.CALMEST))))
+        calming = easing.Calming(
+            section, lambda found: _march(section, found, observer), control, scheme.ease
+        )
+        ways.append((calming.run, partial(_calm, scheme)))
         lowered = partial(easing.lowered, section, march, follower, scheme.ease)
         ways += [(partial(lowered, f), partial(_eased, scheme, MeshTerms(f))) for f in RAISED]
     for run, begin in ways[:-1]:
@@ -158,6 +161,13 @@ def _whole(scheme: Scheme, section: Any) -> None:
     """Start cold, with Newton's steps shortened as a whole."""
     section.newton.saturate = False
     scheme.cold(section)
+
+
+def _calm(scheme: Scheme, section: Any) -> None:
+    """Start from a flow that the terms of the mesh hold calm."""
+    section.newton.saturate = True
+    scheme.ease(section, MeshTerms(rate=10**easing.CALMEST))
+    scheme.calm(section)
 
 
 def _eased(scheme: Scheme, terms: MeshTerms, section: Any) -> None:

@@ -4,7 +4,7 @@
 Two ways lead from a flow that the mesh holds up to the stated one. `lowered` starts with a stronger
 capture and damping in a cold march. `Calming` starts with a large least rate of both, where the
 solids are mixed over the section and hardly anything flows across it: an easy problem, whose
-solution is then followed by Newton alone. Where the standard terms are not reached, the answer
+solution is then followed along its branch. Where the standard terms are not reached, the answer
 keeps the raised ones, and the section holds the state with twice as much of them for the error.
 """
 
@@ -16,20 +16,18 @@ from typing import Any
 
 from fem_tfm.errors import SolverError
 from fem_tfm.flows.section import MeshTerms
+from fem_tfm.solvers.branch import Branch
+from fem_tfm.solvers.newton import LinearSolveError
 from fem_tfm.solvers.pseudo_time import History, PseudoTime, StepControl
 
 # decimal exponents of the factor on the least rate: at the start, and the largest of an answer
 CALMEST, LARGEST_OF_ANSWER = 7.0, 3.0
-# the first step in the exponent, the largest, and the one below which a branch has ended
-FIRST, LONGEST, SHORTEST = 1.0, 2.0, 0.05
-# factors on the step after an easy, a hard and a failed solution; factorisations of the first two
-LONGER, SHORTER, HALVED, EASY, HARD = 1.7, 0.7, 0.5, 6, 10
-# steps across the end of a branch, tried in this order, the step after one, and how many of them
-LEAPS, AFTER_A_LEAP, MOST_LEAPS = (0.3, 1.0), 0.5, 5
-# updates at which a state on the way is good enough, by Newton and by a march in time
-ON_THE_WAY, AFTER_A_MARCH = 1e-4, 1e-3
-# a solution that is followed takes few Newton iterations or none at all
-FOLLOWED = {"max_steps": 3, "max_iterations": 15}
+# points of all branches, and how far in the exponent one is followed back
+MOST_POINTS, BACK = 120, 0.5
+# steps across the end of a branch, tried in this order, and how often
+LEAPS, MOST_LEAPS = (0.3, 1.0), 4
+# updates at which a state on the way is good enough, from the start and beyond a leap
+ON_THE_WAY, AFTER_A_LEAP = 1e-4, 1e-3
 
 
 def lowered(
@@ -104,28 +102,20 @@ class Calming:
         SolverError
             the last state still needs a rate that no answer may have.
         """
-        self.section.rougher = None
-        self._exponent, self._step = CALMEST, FIRST
-        self._solve(CALMEST, replace(self.control, tolerance=ON_THE_WAY))
-        leaps, history = 0, None
-        while self._exponent > 0:
-            history = self._follow() or history
-            if self._step >= SHORTEST:
-                continue
-            found = self._leap() if leaps < MOST_LEAPS else None
-            if found is None:
-                return self._raised()
-            leaps, history = leaps + 1, found
-        return history
+        self.section.rougher, self._points = None, MOST_POINTS
+        self._solve(CALMEST, ON_THE_WAY)
+        for _ in range(MOST_LEAPS + 1):
+            self._follow()
+            if self._exponent == 0 or not self._leapt():
+                break
+        return self._answer()
 
-    def _solve(self, exponent: float, control: StepControl, first: float | None = None) -> History:
+    def _solve(self, exponent: float, tolerance: float, first: float | None = None) -> History:
         """Steady state at a rate, from the state at hand, which a failure leaves as it was."""
         kept, terms = self.section.stored(), self.section.mesh_terms
-        self.ease(self.section, MeshTerms(rate=10**exponent))
-        if exponent == 0:
-            control = replace(control, tolerance=self.control.tolerance)
+        self._alter(exponent)
         try:
-            history = self.march(control).run(first)
+            history = self.march(replace(self.control, tolerance=tolerance)).run(first)
         except SolverError:
             self.ease(self.section, terms)
             self.section.restore(kept)
@@ -133,44 +123,45 @@ class Calming:
         self._exponent = exponent
         return history
 
-    def _follow(self) -> History | None:
-        """Newton's solution one step further, or None; the step adapts."""
-        newton, largest = self.section.newton, self.control.largest
-        control = replace(self.control, tolerance=ON_THE_WAY, smallest=largest, **FOLLOWED)
-        before = newton.factorisations
-        try:
-            history = self._solve(max(self._exponent - self._step, 0.0), control, largest)
-        except SolverError:
-            self._step *= HALVED
-            return None
-        taken = newton.factorisations - before
-        if taken < EASY:
-            self._step = min(LONGER * self._step, LONGEST)
-        elif taken > HARD:
-            self._step *= SHORTER
-        return history
+    def _alter(self, exponent: float) -> None:
+        self.ease(self.section, MeshTerms(rate=10**exponent))
 
-    def _leap(self) -> History | None:
-        """A steady state beyond the end of a branch by a march in time, or None."""
-        control = replace(self.control, tolerance=AFTER_A_MARCH)
+    def _follow(self) -> None:
+        """Go along the branch, and back to its point of the least rate."""
+        kept = self.section.stored()
+        self.section.idt.value = 1 / self.control.largest
+        self.section.old.x.array[:] = self.section.now.x.array
+        try:
+            branch = Branch(self.section.newton, self._alter, self._exponent)
+            while self._points > 0 and 0 < branch.parameter <= self._exponent + BACK:
+                self._points -= 1
+                if branch.advance(0.0) < self._exponent:
+                    kept, self._exponent = self.section.stored(), branch.parameter
+        except (LinearSolveError, SolverError):
+            pass
+        self._alter(self._exponent)
+        self.section.restore(kept)
+
+    def _leapt(self) -> bool:
+        """Whether a march in time found a steady state beyond the end of a branch."""
         for leap in LEAPS:
             try:
-                history = self._solve(max(self._exponent - leap, 0.0), control)
+                self._solve(max(self._exponent - leap, 0.0), AFTER_A_LEAP)
             except SolverError:
                 continue
-            self._step = AFTER_A_LEAP
-            return history
-        return None
+            return True
+        return False
 
-    def _raised(self) -> History:
-        """The answer where the branch has ended, and a state with twice its rate for the error."""
-        rate = 10**self._exponent
+    def _answer(self) -> History:
+        """The answer where the way ends, and with a raised rate a state at twice that rate."""
         if self._exponent > LARGEST_OF_ANSWER:
             raise SolverError(
-                f"no steady state was found below {rate:.0f} times the least rate of the terms of"
-                f" the mesh, and an answer may have {10**LARGEST_OF_ANSWER:.0f}"
+                f"no steady state was found below {10**self._exponent:.0f} times the least rate of"
+                f" the mesh's terms, and an answer may have {10**LARGEST_OF_ANSWER:.0f}"
             )
-        history = self._solve(self._exponent, self.control, self.control.largest)
-        follower = self.march(replace(self.control, tolerance=ON_THE_WAY))
-        _double(self.section, follower, self.ease, MeshTerms(rate=2 * rate))
+        history = self._solve(self._exponent, self.control.tolerance, self.control.largest)
+        if self._exponent > 0:
+            follower = self.march(replace(self.control, tolerance=ON_THE_WAY))
+            terms = MeshTerms(rate=2 * 10**self._exponent)
+            _double(self.section, follower, self.ease, terms)
         return history
