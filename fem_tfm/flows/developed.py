@@ -135,9 +135,7 @@ def solve_level(
     if scheme.ease is not None:
         steps = math.ceil(FOLLOWING * control.max_steps)
         follower = _march(section, replace(control, max_steps=steps), observer)
-        calming = easing.Calming(
-            section, lambda found: _march(section, found, observer), control, scheme.ease
-        )
+        calming = easing.Calming(section, march_of(section, observer), control, scheme.ease)
         ways.append((calming.run, partial(_calm, scheme)))
         lowered = partial(easing.lowered, section, march, follower, scheme.ease)
         ways += [(partial(lowered, f), partial(_eased, scheme, MeshTerms(f))) for f in RAISED]
@@ -175,6 +173,11 @@ def _eased(scheme: Scheme, terms: MeshTerms, section: Any) -> None:
     section.newton.saturate = True
     scheme.ease(section, terms)
     scheme.cold(section)
+
+
+def march_of(section: Section, observer: Observer = QUIET) -> Callable[[StepControl], PseudoTime]:
+    """What makes the driver of a section for a step control."""
+    return lambda control: _march(section, control, observer)
 
 
 def _march(section: Section, control: StepControl, observer: Observer) -> PseudoTime:
