@@ -251,11 +251,13 @@ def skipped_laws(case: Case) -> list[str]:
 
 def terms_of_mesh(section: Section) -> str:
     """The raised terms of the mesh in words."""
-    terms = section.mesh_terms
-    if terms.rate == 1:
-        return f"{terms.strength:g} times numerics.capture and numerics.damping"
-    rate = terms.rate * SMALLEST_RATE
-    return f"a rate of {rate:.2g} U_g/D added to those of numerics.capture and numerics.damping"
+    terms, said = section.mesh_terms, []
+    if terms.strength > 1:
+        said.append(f"{terms.strength:g} times numerics.capture and numerics.damping")
+    if terms.rate > 1:
+        rate = terms.rate * SMALLEST_RATE
+        said.append(f"a least rate of {rate:.2g} U_g/D in the mesh's diffusion and damping")
+    return " and ".join(said)
 
 
 def raised_terms(section: Section) -> str:

@@ -30,7 +30,7 @@ GUIDE_TOLERANCE = 1e-6
 PATIENCE, FOLLOWING = 0.5, 0.3
 # steps of a careful march end closer to their solution and grow slower
 CAREFUL = {"loose": 0.1, "max_iterations": 15, "growth": 1.5}
-# factors on the terms of the mesh, tried where the standard ones lead to no steady state
+# strengths of the terms of the mesh, tried where the standard ones lead to no steady state
 RAISED = (4.0, 16.0)
 
 
@@ -86,6 +86,8 @@ class Observer:
 
 
 QUIET = Observer()
+# what leads to a steady state, and what puts the section at its start
+Way = tuple[Callable[[], History], Callable[[Any], None]]
 
 
 @dataclass(frozen=True)
@@ -133,12 +135,7 @@ def solve_level(
     if previous is not None:
         ways.insert(0, (partial(march.run, control.largest), partial(_from, previous, scheme)))
     if scheme.ease is not None:
-        steps = math.ceil(FOLLOWING * control.max_steps)
-        follower = _march(section, replace(control, max_steps=steps), observer)
-        calming = easing.Calming(section, march_of(section, observer), control, scheme.ease)
-        ways.append((calming.run, partial(_calm, scheme)))
-        lowered = partial(easing.lowered, section, march, follower, scheme.ease)
-        ways += [(partial(lowered, f), partial(_eased, scheme, MeshTerms(f))) for f in RAISED]
+        ways += _eased_ways(section, control, observer, scheme)
     for run, begin in ways[:-1]:
         begin(section)
         try:
@@ -161,18 +158,32 @@ def _whole(scheme: Scheme, section: Any) -> None:
     scheme.cold(section)
 
 
-def _calm(scheme: Scheme, section: Any) -> None:
-    """Start from a flow that the terms of the mesh hold calm."""
-    section.newton.saturate = True
-    scheme.ease(section, MeshTerms(rate=10**easing.CALMEST))
-    scheme.calm(section)
+def _eased_ways(
+    section: Section, control: StepControl, observer: Observer, scheme: Scheme
+) -> list[Way]:
+    """Ways that start with raised terms of the mesh: calm ones, then cold marches."""
+    steps = math.ceil(FOLLOWING * control.max_steps)
+    march, calm = march_of(section, observer), 10**easing.CALMEST
+    follower = march(replace(control, max_steps=steps))
+    starts = []
+    for strength in (1.0, RAISED[-1]):
+        calming = easing.Calming(section, march, control, scheme.ease, strength)
+        starts.append((calming.run, MeshTerms(strength, calm), scheme.calm))
+    starts += [(march(control).run, MeshTerms(strength), scheme.cold) for strength in RAISED]
+    return [
+        (
+            partial(easing.lowered, section, run, follower, scheme.ease),
+            partial(_eased, scheme, terms, begin),
+        )
+        for run, terms, begin in starts
+    ]
 
 
-def _eased(scheme: Scheme, terms: MeshTerms, section: Any) -> None:
-    """Start cold with other terms of the mesh."""
+def _eased(scheme: Scheme, terms: MeshTerms, begin: Callable[[Any], None], section: Any) -> None:
+    """Start with other terms of the mesh."""
     section.newton.saturate = True
     scheme.ease(section, terms)
-    scheme.cold(section)
+    begin(section)
 
 
 def march_of(section: Section, observer: Observer = QUIET) -> Callable[[StepControl], PseudoTime]:

@@ -32,50 +32,46 @@ ON_THE_WAY, AFTER_A_LEAP = 1e-4, 1e-3
 
 def lowered(
     section: Any,
-    march: PseudoTime,
+    begin: Callable[[], History],
     follower: PseudoTime,
     ease: Callable[[Any, MeshTerms], None],
-    factor: float,
 ) -> History:
-    """Steady state at raised terms of the mesh, then at half of them, down to the standard.
+    """Steady state at raised terms of the mesh, then at half their strength, down to the standard.
 
-    Where the standard is not reached, the difference to the state before is part of the error: what
-    the last halving of the terms changed, the rest of them changes as much again.
+    Where the standard is not reached, the difference to a state with twice as much of the terms is
+    part of the error: what the last halving changed, the rest of them changes as much again.
+
+    begin : finds the first state
 
     Raises
     ------
     SolverError
         there is no steady state at the raised terms.
     """
-    history = march.run()
-    section.rougher = None
-    while factor > 1:
-        kept = section.stored()
-        ease(section, MeshTerms(factor / 2))
+    history, section.rougher = begin(), None
+    while (terms := section.mesh_terms).strength > 1:
+        kept, half = section.stored(), replace(terms, strength=terms.strength / 2)
+        ease(section, half)
         try:
-            history = follower.run(march.control.largest)
+            history = follower.run(follower.control.largest)
         except SolverError:
-            ease(section, MeshTerms(factor))
+            ease(section, terms)
             section.restore(kept)
             break
-        factor, section.rougher = factor / 2, kept if factor > 2 else None
-    if factor > 1 and section.rougher is None:
-        _double(section, follower, ease, MeshTerms(2 * factor))
+        section.rougher = kept if half.strength > 1 else None
+    if terms.rate > 1 or (terms.strength > 1 and section.rougher is None):
+        _double(section, follower, ease)
     return history
 
 
-def _double(
-    section: Any,
-    follower: PseudoTime,
-    ease: Callable[[Any, MeshTerms], None],
-    terms: MeshTerms,
-) -> None:
-    """Solve with other terms of the mesh for the error, and go back."""
-    kept, found = section.stored(), section.mesh_terms
-    ease(section, terms)
+def _double(section: Any, follower: PseudoTime, ease: Callable[[Any, MeshTerms], None]) -> None:
+    """Solve with twice as much of the raised terms of the mesh for the error, and go back."""
+    kept, terms = section.stored(), section.mesh_terms
+    strength, rate = (2 * f if f > 1 else f for f in (terms.strength, terms.rate))
+    ease(section, MeshTerms(strength, rate))
     follower.run(follower.control.largest)
     section.rougher = section.stored()
-    ease(section, found)
+    ease(section, terms)
     section.restore(kept)
 
 
@@ -87,12 +83,14 @@ class Calming:
     march : makes the driver of the section for a step control
     control : of an answer
     ease : sets the terms of the mesh
+    strength : of these terms
     """
 
     section: Any
     march: Callable[[StepControl], PseudoTime]
     control: StepControl
     ease: Callable[[Any, MeshTerms], None]
+    strength: float = 1.0
 
     def run(self) -> History:
         """Steady state with the least rate at its standard or as near to it as can be.
@@ -102,7 +100,7 @@ class Calming:
         SolverError
             the last state still needs a rate that no answer may have.
         """
-        self.section.rougher, self._points = None, MOST_POINTS
+        self._points = MOST_POINTS
         self._solve(CALMEST, ON_THE_WAY)
         for _ in range(MOST_LEAPS + 1):
             self._follow()
@@ -124,7 +122,7 @@ class Calming:
         return history
 
     def _alter(self, exponent: float) -> None:
-        self.ease(self.section, MeshTerms(rate=10**exponent))
+        self.ease(self.section, MeshTerms(self.strength, 10**exponent))
 
     def _follow(self) -> None:
         """Go along the branch, and back to its point of the least rate."""
@@ -153,15 +151,10 @@ class Calming:
         return False
 
     def _answer(self) -> History:
-        """The answer where the way ends, and with a raised rate a state at twice that rate."""
+        """The answer where the way ends."""
         if self._exponent > LARGEST_OF_ANSWER:
             raise SolverError(
                 f"no steady state was found below {10**self._exponent:.0f} times the least rate of"
                 f" the mesh's terms, and an answer may have {10**LARGEST_OF_ANSWER:.0f}"
             )
-        history = self._solve(self._exponent, self.control.tolerance, self.control.largest)
-        if self._exponent > 0:
-            follower = self.march(replace(self.control, tolerance=ON_THE_WAY))
-            terms = MeshTerms(rate=2 * 10**self._exponent)
-            _double(self.section, follower, self.ease, terms)
-        return history
+        return self._solve(self._exponent, self.control.tolerance, self.control.largest)
