@@ -6,7 +6,9 @@ laws are drawn as a few sets, since each new set costs a compilation; each name 
 stands in several sets. The gas is turbulent by the default law, which is laminar where the flow is:
 a laminar gas at a high Reynolds number is no steady flow. The constant drag law has no default that
 fits every scene: its constant is drawn around Ergun's and Stokes's size of the case. Every case is
-solved on the two coarsest meshes of the nested iteration.
+solved on the two coarsest meshes of the nested iteration. An answer must be steady to the tolerance
+of the case and close its balances; one that needs raised terms of the mesh says so, and its error
+holds their effect.
 """
 
 from __future__ import annotations

@@ -163,6 +163,19 @@ def test_a_calm_flow_leads_to_the_same_answer() -> None:
     assert float(section.drive.value) == pytest.approx(drive(given), rel=1e-6)
 
 
+@pytest.mark.slow
+def test_a_calm_start_of_solids_that_the_wall_holds() -> None:
+    case = BASE.with_values({"walls.solids": "no-slip", "numerics.level": 1})
+    section = Section(dense.meshes(case)[0](), dense.setup_of(case))
+    start.calm(section)
+    alpha, speed = start.solids_guess(section)
+    state = section.state(section.now)
+    moved = section.integral("moved", section.model.alpha(state) * state.u_s[2])
+    assert moved / section.area == pytest.approx(alpha * speed, rel=0.02)
+    at_wall = section.integral("at wall", state.u_s[2] ** 2, section.domain.ds_wall)
+    assert at_wall == pytest.approx(0.0, abs=1e-12)
+
+
 def test_a_calm_flow_without_a_way_on_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     given = solved(numerics__level=1)
     section = Section(given.section.mesh, given.section.setup)
