@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Steady states with raised terms of the mesh, which are lowered to the standard ones.
 
-Two ways lead from a flow that the mesh holds up to the stated one. `lowered` starts with a stronger
-capture and damping in a cold march. `Calming` starts with a large least rate of both, where the
-solids are mixed over the section and hardly anything flows across it: an easy problem, whose
-solution is then followed along its branch. Where the standard terms are not reached, the answer
-keeps the raised ones, and the section holds the state with twice as much of them for the error.
+A flow that the mesh holds up is easier to find. `lowered` takes its capture and damping back from
+any start with a higher strength of them. `Calming` is such a start and one for the standard
+strength: at a large least rate of both the solids are mixed over the section and hardly anything
+flows across it, and that solution is followed along its branch to the standard rate. Where the
+standard terms are not reached, the answer keeps the raised ones, and the section holds the state
+with twice as much of them for the error.
 """
 
 from __future__ import annotations

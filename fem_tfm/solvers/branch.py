@@ -90,7 +90,7 @@ class Branch:
         if last:
             step = (least - self.parameter) / slope
         self.newton.move(self._point, change, step)
-        aim, predicted = self.newton.position(), self.parameter + step * slope
+        aim, predicted = self.newton.position(), least if last else self.parameter + step * slope
         parameter, size = predicted, math.inf
         for iteration in range(1, MOST + 1):
             correction, response = self._response(parameter)
