@@ -144,12 +144,12 @@ def estimated(
 ) -> tuple[dict[str, float], dict[str, float | None]]:
     """Quantities on the finest mesh, and the change of each since the mesh before.
 
-    Where the terms of the mesh had to be raised, the change by doubling them is added.
+    Where the terms of the mesh had to be raised, the change by as much again of them is added.
 
     Raises
     ------
     SolverError
-        doubling them changes the gradient so much that they decide it.
+        it changes the gradient so much that they decide it.
     """
     found, errors = developed.with_changes(
         [quantities(level.section, length) for level in solution.levels[-2:]]
@@ -157,16 +157,16 @@ def estimated(
     section = solution.section
     if section.rougher is None:
         return found, errors
-    state = section.stored()
-    section.restore(section.rougher)
+    state, share = section.stored(), 1 / (section.rougher.ratio - 1)
+    section.restore(section.rougher.state)
     rougher = quantities(section, length)
     section.restore(state)
-    changes = {name: abs(rougher[name] - found[name]) for name in found}
+    changes = {name: share * abs(rougher[name] - found[name]) for name in found}
     change, gradient = changes["pressure_gradient"], abs(found["pressure_gradient"])
     if change > LARGEST_CHANGE * gradient:
         raise SolverError(
             f"a steady state was found only with {terms_of_mesh(section)}, which decide it:"
-            f" doubling them changes {gradient:.3g} Pa/m by {change:.3g}"
+            f" as much again of them changes {gradient:.3g} Pa/m by {change:.3g}"
         )
     return found, {name: (errors[name] or 0.0) + changes[name] for name in found}
 

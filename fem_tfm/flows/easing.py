@@ -5,8 +5,8 @@ A flow that the mesh holds up is easier to find. `lowered` takes its capture and
 any start with a higher strength of them. `Calming` is such a start and one for the standard
 strength: at a large least rate of both the solids are mixed over the section and hardly anything
 flows across it, and that solution is followed along its branch to the standard rate. Where the
-standard terms are not reached, the answer keeps the raised ones, and the section holds the state
-with twice as much of them for the error.
+standard terms are not reached, the answer keeps the raised ones, and the section holds a state
+with more of them for the error.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from fem_tfm.errors import SolverError
-from fem_tfm.flows.section import MeshTerms
+from fem_tfm.flows.section import MeshTerms, Rougher
 from fem_tfm.solvers.branch import Branch
 from fem_tfm.solvers.newton import LinearSolveError
 from fem_tfm.solvers.pseudo_time import History, PseudoTime, StepControl
@@ -29,6 +29,8 @@ MOST_POINTS, BACK = 120, 0.5
 LEAPS, MOST_LEAPS = (0.3, 1.0), 4
 # updates at which a state on the way is good enough, from the start and beyond a leap
 ON_THE_WAY, AFTER_A_LEAP = 1e-4, 1e-3
+# ratios of the terms of the mesh that tell the error of an answer with raised ones
+COMPARED = (2.0, 1.25)
 
 
 def lowered(
@@ -39,8 +41,8 @@ def lowered(
 ) -> History:
     """Steady state at raised terms of the mesh, then at half their strength, down to the standard.
 
-    Where the standard is not reached, the difference to a state with twice as much of the terms is
-    part of the error: what the last halving changed, the rest of them changes as much again.
+    Where the standard is not reached, the difference to a state with more of the terms tells the
+    error: what the last halving changed, the rest of them changes as much again.
 
     begin : finds the first state
 
@@ -59,21 +61,34 @@ def lowered(
             ease(section, terms)
             section.restore(kept)
             break
-        section.rougher = kept if half.strength > 1 else None
+        section.rougher = Rougher(kept, 2.0) if half.strength > 1 else None
     if terms.rate > 1 or (terms.strength > 1 and section.rougher is None):
-        _double(section, follower, ease)
+        _compare(section, follower, ease)
     return history
 
 
-def _double(section: Any, follower: PseudoTime, ease: Callable[[Any, MeshTerms], None]) -> None:
-    """Solve with twice as much of the raised terms of the mesh for the error, and go back."""
+def _compare(section: Any, follower: PseudoTime, ease: Callable[[Any, MeshTerms], None]) -> None:
+    """Solve with more of the raised terms of the mesh for the error, and go back.
+
+    Raises
+    ------
+    SolverError
+        there is no steady state with a little more of them either.
+    """
     kept, terms = section.stored(), section.mesh_terms
-    strength, rate = (2 * f if f > 1 else f for f in (terms.strength, terms.rate))
-    ease(section, MeshTerms(strength, rate))
-    follower.run(follower.control.largest)
-    section.rougher = section.stored()
-    ease(section, terms)
-    section.restore(kept)
+    for ratio in COMPARED:
+        strength, rate = (ratio * f if f > 1 else f for f in (terms.strength, terms.rate))
+        ease(section, MeshTerms(strength, rate))
+        try:
+            follower.run(follower.control.largest)
+            section.rougher = Rougher(section.stored(), ratio)
+        except SolverError:
+            continue
+        finally:
+            ease(section, terms)
+            section.restore(kept)
+        return
+    raise SolverError("no steady state with more of the mesh's terms tells the error of the answer")
 
 
 @dataclass

@@ -90,6 +90,18 @@ class MeshTerms:
         return self != MeshTerms()
 
 
+@dataclass(frozen=True)
+class Rougher:
+    """A state with more of the raised terms of the mesh.
+
+    state : as `Section.stored` gives it
+    ratio : of its terms to those of the answer
+    """
+
+    state: tuple[np.ndarray, float, float]
+    ratio: float
+
+
 def _structure(law: Any) -> Any:
     """A law without its numbers; a plain switch is itself."""
     if not isinstance(law, Closure):
@@ -134,7 +146,7 @@ class Section(Discretisation):
         self.domain = self._domain()
         self.area = self.integral("area", self._constant(1.0))
         self.model = TwoFluid(*setup.bound(self._number), self._axis(), self.domain)
-        # terms of the mesh, and the state with twice as much of them where they are raised
+        # terms of the mesh, and a Rougher state where they are raised
         self.mesh_terms, self.rougher = MeshTerms(), None
         self.newton = self._newton(progress)
 
