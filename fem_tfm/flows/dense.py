@@ -144,12 +144,12 @@ def estimated(
 ) -> tuple[dict[str, float], dict[str, float | None]]:
     """Quantities on the finest mesh, and the change of each since the mesh before.
 
-    Where the terms of the mesh had to be raised, the change by doubling them is added.
+    Where the terms of the mesh had to be raised, the change by as much again of them is added.
 
     Raises
     ------
     SolverError
-        doubling them changes the gradient so much that they decide it.
+        it changes the gradient so much that they decide it.
     """
     found, errors = developed.with_changes(
         [quantities(level.section, length) for level in solution.levels[-2:]]
@@ -157,17 +157,16 @@ def estimated(
     section = solution.section
     if section.rougher is None:
         return found, errors
-    state = section.stored()
-    section.restore(section.rougher)
+    state, share = section.stored(), 1 / (section.rougher.ratio - 1)
+    section.restore(section.rougher.state)
     rougher = quantities(section, length)
     section.restore(state)
-    changes = {name: abs(rougher[name] - found[name]) for name in found}
+    changes = {name: share * abs(rougher[name] - found[name]) for name in found}
     change, gradient = changes["pressure_gradient"], abs(found["pressure_gradient"])
     if change > LARGEST_CHANGE * gradient:
         raise SolverError(
-            f"a steady state was found only with {section.mesh_terms:g} times numerics.capture and"
-            f" numerics.damping, which decide it: doubling them changes {gradient:.3g} Pa/m by"
-            f" {change:.3g}"
+            f"a steady state was found only with {terms_of_mesh(section)}, which decide it:"
+            f" as much again of them changes {gradient:.3g} Pa/m by {change:.3g}"
         )
     return found, {name: (errors[name] or 0.0) + changes[name] for name in found}
 
@@ -250,11 +249,22 @@ def skipped_laws(case: Case) -> list[str]:
     return left_out
 
 
+def terms_of_mesh(section: Section) -> str:
+    """The raised terms of the mesh in words."""
+    terms, said = section.mesh_terms, []
+    if terms.strength > 1:
+        said.append(f"{terms.strength:g} times numerics.capture and numerics.damping")
+    if terms.rate > 1:
+        rate = terms.rate * SMALLEST_RATE
+        said.append(f"a least rate of {rate:.2g} U_g/D in the mesh's diffusion and damping")
+    return " and ".join(said)
+
+
 def raised_terms(section: Section) -> str:
     """What an answer with raised terms of the mesh must say."""
     return (
-        f"standard terms of the mesh: no steady state was found below {section.mesh_terms:g} times"
-        " numerics.capture and numerics.damping; error_estimate holds the effect"
+        f"standard terms of the mesh: a steady state was found with {terms_of_mesh(section)} and"
+        " not with less; error_estimate holds the effect"
     )
 
 
@@ -330,7 +340,7 @@ def solve(case: Case, recorder: DenseRecorder) -> Answer:
     kept = checked_balances(solution.section)
     found, errors = estimated(solution, case.geometry.length)
     section = solution.section
-    notes = [raised_terms(section)] if section.mesh_terms > 1 else []
+    notes = [raised_terms(section)] if section.mesh_terms.raised else []
     return Answer("converged", found, kept, "pressure_gradient", errors, notes=notes)
 
 

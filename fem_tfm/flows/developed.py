@@ -15,8 +15,8 @@ from functools import partial
 from typing import Any
 
 from fem_tfm.errors import SolverError
-from fem_tfm.flows import start
-from fem_tfm.flows.section import Section, Setup, between
+from fem_tfm.flows import easing, start
+from fem_tfm.flows.section import MeshTerms, Section, Setup, between
 from fem_tfm.mesh import Mesh
 from fem_tfm.solvers.pseudo_time import History, PseudoTime, StepControl
 
@@ -33,7 +33,7 @@ CAREFUL = {"loose": 0.1, "max_iterations": 15, "growth": 1.5}
 # a neighbouring problem is approached in up to two to the power of this many parts, each of which
 # ends at this update; a part whose steps have to shrink below a share of the largest is halved
 HALVINGS, PART_TOLERANCE, LEAST_SHARE = 4, 5e-2, 0.5
-# factors on the terms of the mesh, tried where the standard ones lead to no steady state
+# strengths of the terms of the mesh, tried where the standard ones lead to no steady state
 RAISED = (4.0, 16.0)
 
 
@@ -89,20 +89,24 @@ class Observer:
 
 
 QUIET = Observer()
+# what leads to a steady state, and what puts the section at its start
+Way = tuple[Callable[[], History], Callable[[Any], None]]
 
 
 @dataclass(frozen=True)
 class Scheme:
     """How the sections of one kind of flow are made, started and stepped.
 
-    ease : multiplies the terms of the mesh by a factor; None where a section has none
+    ease : multiplies the terms of the mesh by factors; None where a section has none
+    calm : starts a section with a large least rate of these terms
     """
 
     section: Callable[..., Any] = Section
     cold: Callable[[Any], None] = start.cold
     warm: Callable[[Any, Any], None] = start.warm
     control: Callable[..., StepControl] = step_control
-    ease: Callable[[Any, float], None] | None = None
+    ease: Callable[[Any, MeshTerms], None] | None = None
+    calm: Callable[[Any], None] = start.calm
 
 
 DENSE = Scheme(ease=Section.ease)
@@ -118,8 +122,9 @@ def solve_level(
     """Steady state of one section from a cold start, or from another mesh's answer.
 
     A warm start takes the largest step at once; if it gets nowhere the section starts cold, at
-    first quickly, then carefully. What still fails is solved with raised terms of the mesh, which
-    are then lowered as far as the solution follows; the section tells how far that was.
+    first quickly, then carefully. What still fails is solved with raised terms of the mesh, first
+    those that calm it down, which are then lowered as far as the solution follows; the section
+    tells how far that was.
 
     Raises
     ------
@@ -133,10 +138,7 @@ def solve_level(
     if previous is not None:
         ways.insert(0, (partial(march.run, control.largest), partial(_from, previous, scheme)))
     if scheme.ease is not None:
-        steps = math.ceil(FOLLOWING * control.max_steps)
-        follower = _march(section, replace(control, max_steps=steps), observer)
-        lowered = partial(_lowered, section, march, follower, scheme)
-        ways += [(partial(lowered, f), partial(_raised, scheme, f)) for f in RAISED]
+        ways += _eased_ways(section, control, observer, scheme)
     for run, begin in ways[:-1]:
         begin(section)
         try:
@@ -159,41 +161,37 @@ def _whole(scheme: Scheme, section: Any) -> None:
     scheme.cold(section)
 
 
-def _raised(scheme: Scheme, factor: float, section: Any) -> None:
-    """Start cold with raised terms of the mesh."""
+def _eased_ways(
+    section: Section, control: StepControl, observer: Observer, scheme: Scheme
+) -> list[Way]:
+    """Ways that start with raised terms of the mesh: calm ones, then cold marches."""
+    steps = math.ceil(FOLLOWING * control.max_steps)
+    march, calm = march_of(section, observer), 10**easing.CALMEST
+    follower = march(replace(control, max_steps=steps))
+    starts = []
+    for strength in (1.0, RAISED[-1]):
+        calming = easing.Calming(section, march, control, scheme.ease, strength)
+        starts.append((calming.run, MeshTerms(strength, calm), scheme.calm))
+    starts += [(march(control).run, MeshTerms(strength), scheme.cold) for strength in RAISED]
+    return [
+        (
+            partial(easing.lowered, section, run, follower, scheme.ease),
+            partial(_eased, scheme, terms, begin),
+        )
+        for run, terms, begin in starts
+    ]
+
+
+def _eased(scheme: Scheme, terms: MeshTerms, begin: Callable[[Any], None], section: Any) -> None:
+    """Start with other terms of the mesh."""
     section.newton.saturate = True
-    scheme.ease(section, factor)
-    scheme.cold(section)
+    scheme.ease(section, terms)
+    begin(section)
 
 
-def _lowered(
-    section: Any, march: PseudoTime, follower: PseudoTime, scheme: Scheme, factor: float
-) -> History:
-    """Steady state at raised terms of the mesh, then at half of them, down to the standard.
-
-    Where the standard is not reached, the difference to the state before is part of the error: what
-    the last halving of the terms changed, the rest of them changes as much again.
-    """
-    history = march.run()
-    section.rougher = None
-    while factor > 1:
-        kept = section.stored()
-        scheme.ease(section, factor / 2)
-        try:
-            history = follower.run(march.control.largest)
-        except SolverError:
-            scheme.ease(section, factor)
-            section.restore(kept)
-            break
-        factor, section.rougher = factor / 2, kept if factor > 2 else None
-    if factor > 1 and section.rougher is None:
-        kept = section.stored()
-        scheme.ease(section, 2 * factor)
-        follower.run(march.control.largest)
-        section.rougher = section.stored()
-        scheme.ease(section, factor)
-        section.restore(kept)
-    return history
+def march_of(section: Section, observer: Observer = QUIET) -> Callable[[StepControl], PseudoTime]:
+    """What makes the driver of a section for a step control."""
+    return lambda control: _march(section, control, observer)
 
 
 def _march(section: Section, control: StepControl, observer: Observer) -> PseudoTime:

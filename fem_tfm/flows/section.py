@@ -85,6 +85,35 @@ def between(a: Any, b: Any, share: float) -> Any:
     return b
 
 
+@dataclass(frozen=True)
+class MeshTerms:
+    """Factors on the terms that stand in for what the mesh cannot carry, 1 for the standard.
+
+    strength : on capture and damping
+    rate : on the smallest rate of both
+    """
+
+    strength: float = 1.0
+    rate: float = 1.0
+
+    @property
+    def raised(self) -> bool:
+        """Whether one is not the standard."""
+        return self != MeshTerms()
+
+
+@dataclass(frozen=True)
+class Rougher:
+    """A state with more of the raised terms of the mesh.
+
+    state : as `Section.stored` gives it
+    ratio : of its terms to those of the answer
+    """
+
+    state: tuple[np.ndarray, float, float]
+    ratio: float
+
+
 def _structure(law: Any) -> Any:
     """A law without its numbers; a plain switch is itself."""
     if not isinstance(law, Closure):
@@ -129,8 +158,8 @@ class Section(Discretisation):
         self.domain = self._domain()
         self.area = self.integral("area", self._constant(1.0))
         self.model = TwoFluid(*setup.bound(self._number), self._axis(), self.domain)
-        # factor on the terms of the mesh, and the state at twice the factor where it is not 1
-        self.mesh_terms, self.rougher = 1.0, None
+        # terms of the mesh, and a Rougher state where they are raised
+        self.mesh_terms, self.rougher = MeshTerms(), None
         self.newton = self._newton(progress)
 
     def _axis(self) -> Axis:
@@ -149,16 +178,18 @@ class Section(Discretisation):
             raise ValueError("a section can take over numbers only, and this setup has other laws")
         self._renew(setup.bound)
         self.domain.wall_offset.value = setup.wall_offset
-        self.setup, self.mesh_terms, self.rougher = setup, 1.0, None
+        self.setup, self.mesh_terms, self.rougher = setup, MeshTerms(), None
         for border, target in zip(self.newton.borders, self._targets(), strict=True):
             border.target.value = target
         self.newton.blocks = self._blocks()
 
-    def ease(self, factor: float) -> None:
-        """Multiply the terms that stand in for what the mesh cannot carry, capture and damping."""
+    def ease(self, terms: MeshTerms) -> None:
+        """Multiply the terms that stand in for what the mesh cannot carry."""
         held, given = self.model.numerics, self.setup.numerics
-        held.capture.value, held.damping.value = factor * given.capture, factor * given.damping
-        self.mesh_terms = factor
+        held.capture.value = terms.strength * given.capture
+        held.damping.value = terms.strength * given.damping
+        held.smallest_rate.value = terms.rate * given.smallest_rate
+        self.mesh_terms = terms
 
     def stored(self) -> tuple[np.ndarray, float, float]:
         """The state: a copy of the unknowns, G [Pa/m] and the source [1/s]."""

@@ -22,13 +22,12 @@ SOLIDS_START = 1.0
 GAS_INTENSITY, SOLIDS_INTENSITY = 0.1, 0.05
 
 
-def _profile(section: Section) -> fem.Function:
-    """Axial shape with mean one: parabola for a laminar gas, 1/7 power otherwise [-]."""
+def _profile(section: Section, laminar: bool) -> fem.Function:
+    """Axial shape with mean one: parabola for a laminar flow, 1/7 power otherwise [-]."""
     space = fem.functionspace(section.mesh.mesh, ("Lagrange", 2))
     geometry = section.mesh.geometry
     distance = geometry.wall_distance(ufl.SpatialCoordinate(section.mesh.mesh))
     s = distance / (geometry.hydraulic_diameter / 2)
-    laminar = section.setup.closures.turbulence.name == "laminar"
     bounded = ufl.max_value(s, 0.01)
     shape = s * (2 - s) if laminar else bounded ** (1 / 7)
     profile = fem.Function(space)
@@ -57,7 +56,8 @@ def cold(section: Section) -> None:
     """Uniform alpha_s and Theta, 1/7-power (or parabolic) velocities, rest across the section."""
     setup = section.setup
     section.drive.value = section.source.value = 0.0
-    profile = _profile(section).x.array
+    laminar = setup.closures.turbulence.name == "laminar"
+    profile = _profile(section, laminar).x.array
     section.now.x.array[:] = 0.0
     alpha, u_s = (0.0, 0.0) if setup.solids is None else solids_guess(section)
     _set_axial(section, 0, profile * setup.gas_velocity / (1 - alpha))
@@ -70,6 +70,15 @@ def cold(section: Section) -> None:
     speed = setup.gas_velocity
     set_turbulence(section, length, (speed, GAS_INTENSITY), (speed, SOLIDS_INTENSITY))
     _strong_zero(section)
+
+
+def calm(section: Section) -> None:
+    """The cold start with a parabola of the solids where their wall holds them."""
+    cold(section)
+    setup = section.setup
+    if setup.solids is not None and setup.closures.solids_wall.strong:
+        _set_axial(section, 2, _profile(section, laminar=True).x.array * solids_guess(section)[1])
+        _strong_zero(section)
 
 
 def set_turbulence(

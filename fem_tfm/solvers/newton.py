@@ -22,6 +22,8 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
+# owned unknowns and multipliers, or what is added to them
+Change = tuple[np.ndarray, np.ndarray]
 _COUNTER = iter(range(1 << 30))
 # a linear solution is refined at most so often, and not where its residual is this small
 REFINEMENTS, EXACT = 1, 1e-10
@@ -220,12 +222,12 @@ class BorderedNewton:
             when the matrix is singular, a value is not finite, or no step length will do.
         """
         self._factor()
-        start = self._position()
+        start = self.position()
         change = self._tamed(self._correction())
         size = self._sizes(change)
         length = self._longest(change)
         while True:
-            self._move(start, change, length)
+            self.move(start, change, length)
             try:
                 follow = self._tamed(self._correction())
                 rest = self._sizes(follow)
@@ -235,10 +237,10 @@ class BorderedNewton:
                 break
             length /= 2
             if length < SHORTEST:
-                self._move(start, change, 0.0)
+                self.move(start, change, 0.0)
                 raise LinearSolveError("no step length brings Newton closer to a solution")
         if length == 1.0:
-            self._move(self._position(), follow, self._longest(follow))
+            self.move(self.position(), follow, self._longest(follow))
         return Update(size, max(rest.values()), length)
 
     def polish(self, tolerance: float, size: float = math.inf) -> tuple[float, float]:
@@ -255,7 +257,7 @@ class BorderedNewton:
             found = max(self._sizes(change).values())
             if found > max(CONTRACTION * size, tolerance):
                 break
-            self._move(self._position(), change, 1.0)
+            self.move(self.position(), change, 1.0)
             first, size = (found if math.isinf(first) else first), found
             if size <= tolerance:
                 break
@@ -314,20 +316,35 @@ class BorderedNewton:
             self._assemble(border.row, row)
             self.solver.solve(column, solved)
 
-    def _position(self) -> tuple[np.ndarray, np.ndarray]:
+    def position(self) -> Change:
+        """Owned unknowns and the multipliers."""
         owned = self.unknowns.x.array[: self.rhs.local_size].copy()
         return owned, np.array([float(b.multiplier.value) for b in self.borders])
 
-    def _move(
-        self, start: tuple[np.ndarray, np.ndarray], change: tuple[np.ndarray, np.ndarray], k: float
-    ) -> None:
+    def move(self, start: Change, change: Change, k: float) -> None:
         """Go to start + k change."""
         self.unknowns.x.array[: start[0].size] = start[0] + k * change[0]
         self.unknowns.x.scatter_forward()
         for border, value, delta in zip(self.borders, start[1], change[1], strict=True):
             border.multiplier.value = value + k * delta
 
-    def _correction(self) -> tuple[np.ndarray, np.ndarray]:
+    def full_correction(self, factor: bool = True) -> Change:
+        """Newton's full correction here, with a new factorisation or with the last one.
+
+        Raises
+        ------
+        LinearSolveError
+            when the matrix is singular or a value is not finite.
+        """
+        if factor:
+            self._factor()
+        return self._correction()
+
+    def size(self, change: Change) -> float:
+        """Largest relative rms of the blocks of a change (collective)."""
+        return max(self._sizes(change).values())
+
+    def _correction(self) -> Change:
         """Newton correction at the present position with the last factorisation.
 
         Block elimination, refined where it is not exact. J alone is nearly singular when only a
@@ -371,14 +388,14 @@ class BorderedNewton:
             self.step_vector.axpy(-change, column)
         return changes
 
-    def _sizes(self, change: tuple[np.ndarray, np.ndarray]) -> dict[str, float]:
+    def _sizes(self, change: Change) -> dict[str, float]:
         """Relative rms of each block of a correction."""
         sizes = {b.name: self.relative_rms(b, change[0]) for b in self.blocks}
         if not all(map(math.isfinite, sizes.values())):
             raise LinearSolveError("the Newton step is not finite")
         return sizes
 
-    def _tamed(self, change: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def _tamed(self, change: Change) -> Change:
         """A correction with its limited blocks saturated, unknown by unknown, if asked for.
 
         d becomes sign(d) ln(1 + |d|), for growth Newton's step of the exponential, and is cut
@@ -391,7 +408,7 @@ class BorderedNewton:
                 change[0][block.dofs] = np.clip(mild, -block.limit, block.limit)
         return change
 
-    def _longest(self, change: tuple[np.ndarray, np.ndarray]) -> float:
+    def _longest(self, change: Change) -> float:
         """Share of a correction, at most 1, that keeps every limited block within its limit."""
         share = 1.0
         for block in self.blocks:

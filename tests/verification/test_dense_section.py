@@ -13,8 +13,9 @@ from sections import DEMO, drive, factorisations, quantities, solve
 
 from fem_tfm import Case
 from fem_tfm.closures import names
-from fem_tfm.flows import dense, developed
-from fem_tfm.flows.section import Section
+from fem_tfm.errors import SolverError
+from fem_tfm.flows import dense, developed, easing, start
+from fem_tfm.flows.section import MeshTerms, Section
 
 BASE = Case.load(Path(__file__).parents[2] / DEMO)
 # models that the quick tests cover; each of the others costs its compilation and no more
@@ -148,6 +149,44 @@ def test_warm_start_is_cheap() -> None:
     assert history.update <= 1e-9
     assert float(section.drive.value) == pytest.approx(drive(cold), rel=1e-7)
     assert section.newton.factorisations <= sum(factorisations(cold)) / 4
+
+
+def test_a_calm_flow_leads_to_the_same_answer() -> None:
+    """From solids that the mesh's terms mix over the section, the branch ends at the cold G."""
+    given = solved(numerics__level=1)
+    section = Section(given.section.mesh, given.section.setup)
+    control = developed.step_control(section.setup, BASE.geometry.hydraulic_diameter, 1e-9, 100)
+    section.ease(MeshTerms(rate=10**easing.CALMEST))
+    start.calm(section)
+    easing.Calming(section, developed.march_of(section), control, Section.ease).run()
+    assert not section.mesh_terms.raised and section.rougher is None
+    assert float(section.drive.value) == pytest.approx(drive(given), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_calm_start_of_solids_that_the_wall_holds() -> None:
+    case = BASE.with_values({"walls.solids": "no-slip", "numerics.level": 1})
+    section = Section(dense.meshes(case)[0](), dense.setup_of(case))
+    start.calm(section)
+    alpha, speed = start.solids_guess(section)
+    state = section.state(section.now)
+    moved = section.integral("moved", section.model.alpha(state) * state.u_s[2])
+    assert moved / section.area == pytest.approx(alpha * speed, rel=0.02)
+    at_wall = section.integral("at wall", state.u_s[2] ** 2, section.domain.ds_wall)
+    assert at_wall == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_calm_flow_without_a_way_on_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    given = solved(numerics__level=1)
+    section = Section(given.section.mesh, given.section.setup)
+    control = developed.step_control(section.setup, BASE.geometry.hydraulic_diameter, 1e-9, 100)
+    section.ease(MeshTerms(rate=10**easing.CALMEST))
+    start.calm(section)
+    monkeypatch.setattr(easing, "MOST_POINTS", 2)
+    monkeypatch.setattr(easing, "MOST_LEAPS", 0)
+    monkeypatch.setattr(easing, "LEAPS", ())
+    with pytest.raises(SolverError, match="times the least rate"):
+        easing.Calming(section, developed.march_of(section), control, Section.ease).run()
 
 
 def test_gradient_grows_with_holdup() -> None:
