@@ -196,8 +196,9 @@ class Section(Discretisation):
         return self.now.x.array.copy(), float(self.drive.value), float(self.source.value)
 
     def restore(self, state: tuple[np.ndarray, float, float]) -> None:
-        """Put back what `stored` gave."""
+        """Put back what `stored` gave; at rest, or its forces would hold those of a lost step."""
         self.now.x.array[:], self.drive.value, self.source.value = state
+        self.old.x.array[:] = self.now.x.array
 
     def _domain(self) -> Domain:
         mesh = self.mesh.mesh

@@ -146,3 +146,14 @@ def test_the_wall_carries_the_pressure_gradient(wall: str) -> None:
     balances = dense.balances(solution.section)
     assert set(balances) == {"gas_mass", "axial_momentum"}
     assert max(balances.values()) < 1e-10
+
+
+def test_a_state_that_is_put_back_is_at_rest() -> None:
+    """The reaction of a wall without slip holds nothing of a step that was taken back."""
+    found = solve(laminar({"diameter": SIZE})).section
+    kept = found.stored()
+    found.idt.value = 1e5
+    found.old.x.array[:] = 1.1 * found.now.x.array
+    assert dense.balances(found)["axial_momentum"] > 1e-3
+    found.restore(kept)
+    assert dense.balances(found)["axial_momentum"] < 1e-10
