@@ -130,7 +130,7 @@ def test_two_cases_and_a_failed_one_make_a_whole_report(study: Any, tmp_path: Pa
     told: list[str] = []
     study.solve_rows(made, ["berzi"], (2, 3), told.append)
     study.solve_meshes(made, [1])
-    study.solve_alternatives(made, 1, ["none", "drag up to the wall"])
+    study.solve_alternatives(made, 1, ["none", "drag that fades within a grain of the wall"])
     made.answers[study.MASS, "dartevelle", 3] = study.Answer(Point(0, {}, reason="gave up here"))
     study.write(made, tmp_path)
     assert len(told) == 4 and all("kPa" in text for text in told)

@@ -128,7 +128,7 @@ class MixingLength(Algebraic):
 
     y+ comes from the local shear: Re_S = y+^2 in the viscous sublayer and y+/kappa in the log
     layer, so no wall stress is needed. The estimate runs ahead of y+ in the buffer layer, so
-    that A = 33 replaces van Driest's 26: u+ = ln(9.8 y+)/0.41 within 3 % for 50 < y+ < 500.
+    that A = 33 replaces van Driest's 26: u+ = ln(9.8 y+)/0.41 within 3.2 % for 50 < y+ < 500.
 
     Validity: fully developed flow in pipes and ducts, smooth walls.
     Source: Nikuradse (1932), VDI-Forschungsheft 356; van Driest (1956), J. Aeronaut. Sci. 23,
