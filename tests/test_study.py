@@ -142,9 +142,8 @@ def test_two_cases_and_a_failed_one_make_a_whole_report(study: Any, tmp_path: Pa
     drops = {n: [p.quantities["pressure_drop"] for p in ps] for n, ps in made.alternatives.items()}
     assert drops["none"][2] == pytest.approx(fed["pressure_drop"], rel=1e-6)
     assert all(a != b for a, b in zip(*drops.values(), strict=True))
-    assert {s.key for s in made.sensitivities} == set(study.PARAMETERS) - {
-        "closures.dispersion.sigma"
-    }
+    laws_not_in_use = {"closures.dispersion.sigma", "closures.dispersed.normal_stress"}
+    assert {s.key for s in made.sensitivities} == set(study.PARAMETERS) - laws_not_in_use
     with (tmp_path / "runs.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [row["dp [kPa]"] == "failed" for row in rows] == [False] * 4 + [True]
