@@ -29,6 +29,8 @@ FADING_FRACTION = 1e-4
 MOST_VISCOUS = 100.0
 # speeds that regularise drag and walls, and shear, over U and U/D
 SLIP_FLOOR, SHEAR_FLOOR = 1e-4, 1e-3
+# share of the wall law's distance that stands for no stretching
+SHORTEST = 1e-9
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class CellLaws:
         self.gas, self.solids = case.gas_material, case.solids_material
         self.laws, self.walls = case.closures, case.walls
         self.speed = case.operation.gas_superficial_velocity
-        self.width = case.geometry.hydraulic_diameter
+        self.width, self.offset = case.geometry.hydraulic_diameter, case.wall_distance
 
     # -- solids --------------------------------------------------------------------------------
 
@@ -114,14 +116,29 @@ class CellLaws:
             np.maximum(alpha, SMALLEST_FRACTION), speed, self.gas, self.solids
         )
 
-    def gas_viscosity(self, gradient: Array, distance: Array) -> Array:
-        """mu_g + mu_t [Pa s] at grad u_g (cells, 3, 3) [1/s] and a distance to the wall [m]."""
+    def profile(self, distance: Array) -> tuple[Array, Array]:
+        """Height y' [m] of the gas profile that points off the wall carry, and dy'/dy."""
+        height, slope = self.walls.gas.stretched(distance, self.offset)
+        return height, np.zeros_like(distance) + slope
+
+    def wall_height(self, distance: Array) -> Array:
+        """Height [m] at which the wall law meets gas `distance` off the wall."""
+        height, _ = self.profile(distance)
+        law, added = self.walls.gas, np.maximum(height - distance, SHORTEST * self.offset)
+        # the flux that the stretched strip adds, less where part of it is below the first cell
+        return height * law.height(added, self.width) / added
+
+    def gas_viscosity(self, gradient: Array, height: Array, slope: Array) -> Array:
+        """Viscosity [Pa s] that the profile at height y' [m] shows at grad u_g [1/s].
+
+        (mu_g + mu_t)/(dy'/dy); grad u_g (cells, 3, 3), slope dy'/dy
+        """
         strain = (gradient + np.swapaxes(gradient, 1, 2)) / 2
         trace = np.einsum("nii->n", strain)
         shear = 2 * (np.einsum("nij,nij->n", strain, strain) - trace**2 / 3)
         rate = np.sqrt(np.maximum(shear, 0.0) + (SHEAR_FLOOR * self.speed / self.width) ** 2)
-        eddies = Eddies(rate, distance, self.gas, self.width / 2)
-        return self.gas.viscosity + self.laws.turbulence.viscosity(eddies)
+        eddies = Eddies(rate / slope, height, self.gas, self.width / 2)
+        return (self.gas.viscosity + self.laws.turbulence.viscosity(eddies)) / slope
 
     # -- walls ---------------------------------------------------------------------------------
 

@@ -57,8 +57,8 @@ class Momenta:
             np.ascontiguousarray(vectors[line.inner].T)
             for vectors in (line.cells.area, line.cells.skew)
         )
-        self._height = 1 / line.normal_slope[line.wall]
-        self._distance = line.mesh.distance_at(line.cells.centre)
+        self._height = laws.wall_height(1 / line.normal_slope[line.wall])
+        self._profile = laws.profile(line.mesh.distance_at(line.cells.centre))
         self._matrix = CellMatrix(line.cells, 1 if laws.solids is None else 2)
         self._krylov = Krylov(self._matrix, "transport", TRANSPORT_TOLERANCE)
 
@@ -103,10 +103,10 @@ class Momenta:
         laws, line, cells = self.laws, self.line, self.line.cells
         gradient = cells.whole(cells.gradient(levels.now.u_g))
         void = 1 - at.alpha
-        mu = laws.gas_viscosity(gradient, self._distance)
+        mu = laws.gas_viscosity(gradient, *self._profile)
         if levels.past is not None:
             before = cells.whole(cells.gradient(levels.past.u_g))
-            mu = levels.grown(mu, laws.gas_viscosity(before, self._distance))
+            mu = levels.grown(mu, laws.gas_viscosity(before, *self._profile))
         mu = void * mu
         flux = at.total - (0.0 if moved is None else moved.flux)
         flux[line.inlet] = 0.0
