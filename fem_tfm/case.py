@@ -662,9 +662,6 @@ class Case(Table):
         """Laws that the unsteady flow does not know."""
         laws, other = self.closures, "with solution = 'unsteady'"
         refused = {
-            "closures.turbulence": (laws.turbulence, laws.turbulence.transported, "mixing-length"),
-            "closures.dispersed": (laws.dispersed, laws.dispersed.name != "none", "none"),
-            "closures.dispersion": (laws.dispersion, laws.dispersion.name != "none", "none"),
             "walls.gas": (self.walls.gas, self.walls.gas.resolved, "log-law"),
         }
         for key, (law, is_refused, known) in refused.items():

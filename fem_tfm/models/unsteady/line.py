@@ -33,6 +33,7 @@ class Line:
     has_outlet : whether it has a face
     normal (faces, 3), normal_slope (faces) : unit normal; 1/distance along it [1/m]
     open (faces) : 1 on faces that a phase can pass without being fed, else 0
+    distance : of the cells to the wall [m]
     profile : normal velocity of what enters over its mean, on the faces of the inlet [-]
     order : 0, upwind, or 1, limited linear
     speed, width : scales of the flow [m/s], [m]
@@ -56,6 +57,7 @@ class Line:
         self.open[: cells.inner] = 1.0
         self.open[self.outlet] = 1.0
         self.reconstruct = cells.reconstruction(["inlet"] if self.has_inlet else [])
+        self.distance = mesh.distance_at(cells.centre)
         self.profile = self._inlet_profile(case)
         # extrema of smooth values are lower than this in fine cells
         reach = np.linalg.norm(cells.apart[: cells.inner], axis=1)
