@@ -12,6 +12,8 @@ from fem_tfm.solvers.cells import Array, Cells
 
 # differences below this share of a scale, for cells as wide as the line, are not limited
 SMOOTH = 0.3
+# a wall whose normal has a smaller part along the axis is a side of the line, not an end
+ALONG = 0.7
 PARTS = ("inlet", "outlet", "wall", "symmetry")
 
 
@@ -33,7 +35,7 @@ class Line:
     has_outlet : whether it has a face
     normal (faces, 3), normal_slope (faces) : unit normal; 1/distance along it [1/m]
     open (faces) : 1 on faces that a phase can pass without being fed, else 0
-    distance : of the cells to the wall [m]
+    distance : of the cells to the wall of the mesh [m]
     profile : normal velocity of what enters over its mean, on the faces of the inlet [-]
     order : 0, upwind, or 1, limited linear
     speed, width : scales of the flow [m/s], [m]
@@ -57,11 +59,27 @@ class Line:
         self.open[: cells.inner] = 1.0
         self.open[self.outlet] = 1.0
         self.reconstruct = cells.reconstruction(["inlet"] if self.has_inlet else [])
-        self.distance = mesh.distance_at(cells.centre)
+        self.distance = self._distance()
         self.profile = self._inlet_profile(case)
         # extrema of smooth values are lower than this in fine cells
         reach = np.linalg.norm(cells.apart[: cells.inner], axis=1)
         self._small = SMOOTH * (reach / self.width) ** 1.5
+
+    def _distance(self) -> Array:
+        """Distance to the wall less that of the straight faces themselves (collective).
+
+        Where the wall is curved they are nearer by more than a thin cell's height.
+        """
+        cells, mesh = self.cells, self.mesh
+        found, middle = mesh.distance_at(cells.centre), cells.middle[self.wall]
+        across = np.einsum("ij,ij->i", mesh.axis(middle), self.normal[self.wall])
+        size = cells.size[self.wall] * (np.abs(across) < ALONG)
+        area = cells.total(size)
+        if area == 0:
+            return found
+        sagitta = cells.total(mesh.distance_at(middle) * size) / area
+        thinnest = -cells.largest(-1 / self.normal_slope[self.wall])
+        return np.maximum(found - sagitta, thinnest / 2)
 
     def _inlet_profile(self, case: Case) -> Array:
         cells = self.cells

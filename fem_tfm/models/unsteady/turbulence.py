@@ -183,9 +183,11 @@ class Turbulence:
         )
 
     def _at_wall(self, eddies: Eddies, now: Moment) -> Eddies:
-        """Eddies whose shear in the wall's cells is at least that of the layer on the wall.
+        """Eddies whose shear in the wall's cells knows of the wall, which their gradient does not.
 
-        (mu + mu_t) S is the traction of the wall, of which the gradient in the cells knows nothing.
+        S = min(S_w/2 + S_g, max(S_w, S_g)) of that by the traction of the wall, (mu + mu_t) S_w, and
+        by the gradient: S_w/2 = S_g = u_tau/(2 kappa y) in a log layer of cells of one height,
+        S_w = S_g in a viscous one, and half of S_w where grains bear the stress within a cell.
         """
         line, cells, laws, edges = self.line, self.line.cells, self.laws, self._edges
         if not line.has_wall or not self._of_gas:
@@ -213,7 +215,8 @@ class Turbulence:
         ratio = np.minimum((two - one) / change, 0.9)
         strain = np.empty(cells.count)
         strain[: cells.owned] = eddies.strain[: cells.owned]
-        strain[edges] = np.maximum(one + (two - one) / (1 - ratio), within.strain)
+        wall, gradient = one + (two - one) / (1 - ratio), within.strain
+        strain[edges] = np.minimum(wall / 2 + gradient, np.maximum(wall, gradient))
         return _strained(eddies, cells.exchange(strain))
 
     # -- the step ------------------------------------------------------------------------------
