@@ -40,7 +40,9 @@ OUTPUTS, FIRST_SHARE = 20, 0.01
 # times closer than this, over the end, are the same
 SAME_TIME = 1e-9
 # iterations of each equation that count as all the effort a step may take
-MOST_ITERATIONS = {"solids fraction": 25, "theta": 60, "momentum": 150, "pressure": 60}
+MOST_ITERATIONS = {
+    "solids fraction": 25, "theta": 60, "turbulence": 150, "momentum": 150, "pressure": 60,
+}  # fmt: skip
 # unknowns of a cell: two velocities, solids fraction, granular temperature, pressure
 UNKNOWNS, GAS_UNKNOWNS = 9, 4
 

@@ -39,6 +39,7 @@ from fem_tfm.models.unsteady.state import (
     Report,
     StepFailed,
 )
+from fem_tfm.models.unsteady.turbulence import Turbulence
 from fem_tfm.solvers.cells import Array, CellMatrix
 
 FAILURES = (SolverError, FloatingPointError, np.linalg.LinAlgError)
@@ -56,6 +57,7 @@ class Flow3D:
     ----------
     line, laws : mesh and coefficients
     fraction, agitation, momenta, projection : parts of a step; the first two only with solids
+    turbulence : what it makes, None where an algebraic law of the gas is all
     now, past : state, and what a step of second order takes from the one before it
     """
 
@@ -64,8 +66,11 @@ class Flow3D:
         self.gas, self.solids = case.gas_material, case.solids_material
         self.line, self.laws = Line(case, mesh), CellLaws(case)
         self.cells = self.line.cells
+        scalar = CellMatrix(self.cells)
+        self.turbulence = None
+        if Turbulence.is_needed(self.laws):
+            self.turbulence = Turbulence(case, self.line, self.laws, scalar)
         if self.solids is not None:
-            scalar = CellMatrix(self.cells)
             self.fraction = SolidsFraction(self.line, self.laws, scalar)
             self.agitation = Agitation(case, self.line, self.laws, scalar)
         self.momenta = Momenta(self.line, self.laws, np.array(case.gravity_vector))
@@ -89,6 +94,7 @@ class Flow3D:
             pushed=flux,
             response=flux,
             gained=flux,
+            scales=self.turbulence.start() if self.turbulence else {},
         )
         self.past: Past | None = None
         self.time, self.steps = 0.0, 0
@@ -157,12 +163,13 @@ class Flow3D:
         cells, effort = self.cells, {}
         moved, rates, beta = None, None, np.zeros(cells.count)
         at = old
+        stirred = self.turbulence.stir(levels.now) if self.turbulence else None
         if self.solids is not None:
             rates = self._expected_rates(levels)
             response = old.response
             if not self.steps:
                 response = self.projection.response(old.alpha, self._drag(old), dt)[0]
-            moved = self.fraction.move(levels, response, rates, dt, feed, effort)
+            moved = self.fraction.move(levels, response, rates, dt, feed, effort, stirred)
             if self.past is not None:
                 lost = cells.sum(moved.flux) / self.line.volume - feed.inside.solids
                 before = moved.alpha[: cells.owned] + levels.span * lost
@@ -171,7 +178,10 @@ class Flow3D:
             beta = self._drag(at)
             theta = self.agitation.warm(at, beta, levels, start, moved, rates, feed, effort)
             at = replace(at, theta=theta)
-        phases = self.momenta.phases(at, levels, start, moved, rates)
+        if self.turbulence:
+            scales = self.turbulence.carry(levels.now, stirred, moved, dt, feed, effort)
+            at = replace(at, scales=scales)
+        phases = self.momenta.phases(at, levels, start, moved, rates, stirred)
         gaps, accelerated = self.momenta.forces(at, phases, feed)
         guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort)
         at = replace(at, u_s=start.u_s)
@@ -204,7 +214,7 @@ class Flow3D:
         return replace(found, shear=shear)
 
     def _drag(self, at: Moment) -> Array:
-        return self.laws.drag(at.alpha, at.u_g - at.u_s)
+        return self.laws.drag(at.alpha, at.u_g - at.u_s, self.line.gas_profile[0])
 
     # -- what others read ----------------------------------------------------------------------
 
@@ -226,8 +236,9 @@ class Flow3D:
 
     def _report(self, found: Moment, dt: float, effort: dict[str, int], masses: Masses) -> Report:
         cells, own = self.cells, slice(0, self.cells.owned)
-        for name in ("alpha", "theta", "p", "u_s", "u_g"):
-            if not np.isfinite(cells.largest(np.abs(getattr(found, name)[own]))):
+        values = {name: getattr(found, name) for name in OF_CELLS} | dict(found.scales)
+        for name, value in values.items():
+            if not np.isfinite(cells.largest(np.abs(value[own]))):
                 raise SolverError(f"{name} is not finite")
         return Report(
             effort,
@@ -235,6 +246,7 @@ class Flow3D:
             cells.largest(found.theta[own]),
             dt * max(self._courant(found)),
             max(self._errors(found, masses).values()),
+            cells.largest(found.scales["k"][own]) if "k" in found.scales else 0.0,
         )
 
     def courant(self) -> tuple[float, float]:
@@ -303,6 +315,7 @@ class Flow3D:
         found = {name: getattr(self.now, name)[own].copy() for name in OF_CELLS}
         for name, directed in OF_FACES.items():
             found[name] = cells.to_sides(getattr(self.now, name), directed)
+        found |= {name: values[own].copy() for name, values in self.now.scales.items()}
         if self.past is not None:
             for name in PAST_OF_CELLS:
                 found[f"before_{name}"] = getattr(self.past, name)[own].copy()
@@ -318,6 +331,7 @@ class Flow3D:
         found = {name: cells.whole(np.asarray(state[name])) for name in OF_CELLS}
         for name, directed in OF_FACES.items():
             found[name] = cells.from_sides(np.asarray(state[name]), directed)
+        found["scales"] = {n: cells.whole(np.asarray(state[n])) for n in self.now.scales}
         self.now, self.past = Moment(**found), None
         if self.line.order and "before_dt" in state:
             given = {n: np.asarray(state[f"before_{n}"]) for n in (*PAST_OF_CELLS, *PAST_OF_FACES)}
@@ -335,6 +349,7 @@ class Flow3D:
         if self.solids is not None:
             arrays = {"alpha_s": self.now.alpha, "u_s": self.now.u_s, **arrays}
             arrays["theta"] = self.now.theta
+        arrays |= self.now.scales
         for name, values in arrays.items():
             if name not in self._functions:
                 shape = (3,) if values.ndim == 2 else ()

@@ -9,7 +9,7 @@ from fem_tfm.errors import SolverError
 from fem_tfm.models.unsteady.laws import CellLaws
 from fem_tfm.models.unsteady.levels import Levels
 from fem_tfm.models.unsteady.line import Line
-from fem_tfm.models.unsteady.state import SLOPES, Feed, Moved, Rates
+from fem_tfm.models.unsteady.state import SLOPES, Feed, Moved, Rates, Stirred
 from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
 
 # relative residual, change and iterations of Newton's method
@@ -42,6 +42,7 @@ class SolidsFraction:
         dt: float,
         feed: Feed,
         effort: dict[str, int],
+        stirred: Stirred | None = None,
     ) -> Moved:
         """Solids fraction after the step.
 
@@ -64,8 +65,13 @@ class SolidsFraction:
         alpha = np.maximum(old.alpha, 0.0)
         w = alpha / (limit - alpha)
 
+        lift, spread = 0.0, np.zeros(cells.faces)
+        if stirred is not None:
+            lift = 0.0 if stirred.normal is None else stirred.normal["k_s"]
+            spread[inner] = (share * cells.mean(stirred.dispersion) * cells.reach)[inner]
+
         def pressure(alpha: Array) -> Array:
-            return self.laws.solids_pressure(alpha, theta, rates)
+            return self.laws.solids_pressure(alpha, theta, rates, lift)
 
         def stiffness(w: Array, p_s: Array) -> Array:
             step = 1e-7 * (1 + w)
@@ -103,6 +109,7 @@ class SolidsFraction:
             ahead[inner], back[inner] = np.maximum(moved, 0.0), np.maximum(-moved, 0.0)
             found = np.empty(cells.faces)
             found[inner] = ahead[inner] * alpha[first] - back[inner] * alpha[second]
+            found[inner] -= spread[inner] * (alpha[second] - alpha[first])
             found[edge] = ahead[edge] * alpha[self._edges]
             found[line.inlet] = entering
             return found + levels.kept
@@ -122,14 +129,15 @@ class SolidsFraction:
                 break
             slope = limit / (1 + w) ** 2
             ties[inner] = upwind = push * np.where(ahead[inner] > 0, alpha[first], alpha[second])
-            diagonal = (rate + cells.sum_out(ahead, back)) * slope[: cells.owned]
+            leaving = cells.sum_out(ahead + spread, back + spread)
+            diagonal = (rate + leaving) * slope[: cells.owned]
             diagonal += cells.add(ties) * stiff[: cells.owned]
             self.matrix.set(
                 [diagonal],
                 [
                     (
-                        -back[inner] * slope[second] - upwind * stiff[second],
-                        -ahead[inner] * slope[first] - upwind * stiff[first],
+                        -(back + spread)[inner] * slope[second] - upwind * stiff[second],
+                        -(ahead + spread)[inner] * slope[first] - upwind * stiff[first],
                     )
                 ],
             )

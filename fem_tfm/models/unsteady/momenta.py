@@ -19,6 +19,7 @@ from fem_tfm.models.unsteady.state import (
     Moved,
     Phase,
     Rates,
+    Stirred,
 )
 from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
 
@@ -57,26 +58,43 @@ class Momenta:
             np.ascontiguousarray(vectors[line.inner].T)
             for vectors in (line.cells.area, line.cells.skew)
         )
-        self._height = laws.wall_height(1 / line.normal_slope[line.wall])
-        self._profile = laws.profile(line.mesh.distance_at(line.cells.centre))
         self._matrix = CellMatrix(line.cells, 1 if laws.solids is None else 2)
         self._krylov = Krylov(self._matrix, "transport", TRANSPORT_TOLERANCE)
 
     # -- the phases ----------------------------------------------------------------------------
 
     def phases(
-        self, at: Moment, levels: Levels, start: Moment, moved: Moved | None, rates: Rates
+        self,
+        at: Moment,
+        levels: Levels,
+        start: Moment,
+        moved: Moved | None,
+        rates: Rates,
+        stirred: Stirred | None = None,
     ) -> list[Phase]:
-        """Phases that step from `start`, the gas last, with coefficients of `at`."""
-        gas = self._gas(at, levels, start, moved)
-        return [gas] if moved is None else [self._solids(at, levels, start, moved, rates), gas]
+        """Phases that step from `start`, the gas last, with coefficients of `at`.
+
+        stirred : what turbulence does, None where an algebraic law of the gas is all
+        """
+        gas = self._gas(at, levels, start, moved, stirred)
+        if moved is None:
+            return [gas]
+        return [self._solids(at, levels, start, moved, rates, stirred), gas]
 
     def _solids(
-        self, at: Moment, levels: Levels, start: Moment, moved: Moved, rates: Rates
+        self,
+        at: Moment,
+        levels: Levels,
+        start: Moment,
+        moved: Moved,
+        rates: Rates,
+        stirred: Stirred | None,
     ) -> Phase:
         laws, line = self.laws, self.line
         grains = laws.grains(at.alpha, at.theta, rates)
         mu = grains.kinetic.shear_viscosity + grains.mu_f
+        if stirred is not None:
+            mu = mu + np.maximum(at.alpha, 0.0) * laws.solids.density * stirred.nu_s
         edge, wall = line.cells.first[line.wall], line.wall
         if laws.walls.solids.strong:
             traction = mu[edge] * line.cells.reach[wall]
@@ -99,14 +117,27 @@ class Momenta:
             pressure=moved.pressure,
         )
 
-    def _gas(self, at: Moment, levels: Levels, start: Moment, moved: Moved | None) -> Phase:
+    def _gas(
+        self,
+        at: Moment,
+        levels: Levels,
+        start: Moment,
+        moved: Moved | None,
+        stirred: Stirred | None,
+    ) -> Phase:
         laws, line, cells = self.laws, self.line, self.line.cells
-        gradient = cells.whole(cells.gradient(levels.now.u_g))
         void = 1 - at.alpha
-        mu = laws.gas_viscosity(gradient, *self._profile)
-        if levels.past is not None:
-            before = cells.whole(cells.gradient(levels.past.u_g))
-            mu = levels.grown(mu, laws.gas_viscosity(before, *self._profile))
+        if stirred is None:
+            gradient = cells.whole(cells.gradient(levels.now.u_g))
+            mu = laws.gas_viscosity(gradient, *line.gas_profile)
+            if levels.past is not None:
+                before = cells.whole(cells.gradient(levels.past.u_g))
+                mu = levels.grown(mu, laws.gas_viscosity(before, *line.gas_profile))
+        else:
+            gradient, mu = (
+                stirred.gradient,
+                (laws.gas.viscosity + stirred.mu_t) / line.gas_profile[1],
+            )
         mu = void * mu
         flux = at.total - (0.0 if moved is None else moved.flux)
         flux[line.inlet] = 0.0
@@ -116,7 +147,12 @@ class Momenta:
         else:
             # found at the centre of the wall's cells
             slip = laws.slip(at.u_g[edge], line.normal[wall])
-            traction = laws.gas_friction(void[edge], slip, self._height) * cells.size[wall]
+            k = at.scales["k"][edge] if "k" in at.scales else None
+            friction = laws.gas_friction(void[edge], slip, line.wall_height, k)
+            traction = friction * cells.size[wall]
+        eddies = None
+        if stirred is not None and stirred.normal is not None:
+            eddies = void * laws.gas.density * stirred.normal["k"]
         return Phase(
             name="gas",
             density=laws.gas.density,
@@ -129,7 +165,7 @@ class Momenta:
             bulk=np.zeros_like(mu),
             gradient=gradient,
             traction=traction,
-            pressure=None,
+            pressure=eddies,
         )
 
     # -- forces --------------------------------------------------------------------------------

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from fem_tfm.errors import SolverError
 from fem_tfm.solvers.cells import Array
@@ -77,6 +77,7 @@ class Report:
     iterations : of each equation
     courant : largest share of a cell that leaves it in the step [-]
     mass_error : relative errors of the masses of solids and gas since the start
+    max_k : turbulent energy of the gas [m2/s2], 0 where no law transports it
     """
 
     iterations: Mapping[str, int]
@@ -84,6 +85,7 @@ class Report:
     max_theta: float
     courant: float
     mass_error: float
+    max_k: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -96,6 +98,7 @@ class Moment:
     carried : volume flux of the solids by u_s.S, its share that their pressure pushes is `pushed`
     response : R_ss on faces, [m3 s/kg]
     gained : what u_s of the cells has gained on faces in the last step, in a second [m3/s2]
+    scales : of the turbulence that laws transport, in cells: k [m2/s2], eps [m2/s3], k_s, eps_s
     """
 
     alpha: Array
@@ -108,6 +111,7 @@ class Moment:
     pushed: Array
     response: Array
     gained: Array
+    scales: Mapping[str, Array] = field(default_factory=dict)
 
 
 # names in a Moment, and whether a value on faces has their direction
@@ -156,6 +160,29 @@ class Moved:
 
 
 @dataclass(frozen=True)
+class Stirred:
+    """What the turbulence of a state does to both phases; arrays over all cells.
+
+    gradient : of u_g [1/s]
+    mu_t : eddy viscosity of the gas [Pa s]
+    nu_s : of the solids [m2/s]
+    dispersion : D by which eddies spread the solids [m2/s]
+    normal : normal stress of the eddies over a rho, of "k" and "k_s" [m2/s2]; None without any
+    spread, rate, stiffness : of each scale X that is transported: diffusivity [m2/s], sources over
+        X [1/s], and how fast they fall with ln X [1/s]
+    """
+
+    gradient: Array
+    mu_t: Array
+    nu_s: Array | float
+    dispersion: Array
+    normal: Mapping[str, Array] | None
+    spread: Mapping[str, Array]
+    rate: Mapping[str, Array]
+    stiffness: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
 class Phase:
     """One phase in a step; arrays over all cells unless said otherwise.
 
@@ -165,7 +192,7 @@ class Phase:
     gradient : of `present` [1/s]
     viscosity, bulk : of the whole phase [Pa s]
     traction : friction of the faces of the wall [kg/s]
-    pressure : p_s [Pa], None for the gas
+    pressure : p_s, or that of the gas's eddies [Pa]; None where the phase has none of its own
     """
 
     name: str
