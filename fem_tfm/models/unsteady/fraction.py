@@ -68,7 +68,8 @@ class SolidsFraction:
         lift, spread = 0.0, np.zeros(cells.faces)
         if stirred is not None:
             lift = 0.0 if stirred.normal is None else stirred.normal["k_s"]
-            spread[inner] = (share * cells.mean(stirred.dispersion) * cells.reach)[inner]
+            if stirred.dispersion is not None:
+                spread[inner] = self._spread(levels, stirred)[inner]
 
         def pressure(alpha: Array) -> Array:
             return self.laws.solids_pressure(alpha, theta, rates, lift)
@@ -89,9 +90,16 @@ class SolidsFraction:
         )
         sound = np.max(cells.exchange(sound / limit)[np.stack([first, second])], axis=0)
         flux = old.carried - old.pushed
-        carried_on = np.maximum(sound / (1 + sound), levels.trust[inner])
+        # what spreads further than a cell in a step is not carried on either
+        wide = np.zeros(cells.count)
+        wide[: cells.owned] = cells.add(spread) / rate
+        wide = np.max(cells.exchange(wide)[np.stack([first, second])], axis=0)
+        carried_on = np.maximum(sound / (1 + sound), levels.trust[inner] / (1 + wide**2))
         span = np.broadcast_to(levels.span_faces, cells.faces)[inner]
         flux[inner] += carried_on * span * old.gained[inner]
+        # what eddies have spread is there; what they will spread beyond it is found below
+        flux[inner] += spread[inner] * (alpha[second] - alpha[first])
+        spread[inner] *= share[inner]
         flux[line.inlet] = 0.0
         if feed.blocked:
             flux[line.outlet] = 0.0
@@ -106,10 +114,10 @@ class SolidsFraction:
         def fluxes(alpha: Array, p_s: Array) -> Array:
             # upwind by what the pressure leaves of the flux: grains at rest do not creep
             moved = flux[inner] - push * (p_s[second] - p_s[first])
+            moved -= spread[inner] * (alpha[second] - alpha[first])
             ahead[inner], back[inner] = np.maximum(moved, 0.0), np.maximum(-moved, 0.0)
             found = np.empty(cells.faces)
             found[inner] = ahead[inner] * alpha[first] - back[inner] * alpha[second]
-            found[inner] -= spread[inner] * (alpha[second] - alpha[first])
             found[edge] = ahead[edge] * alpha[self._edges]
             found[line.inlet] = entering
             return found + levels.kept
@@ -128,16 +136,18 @@ class SolidsFraction:
             if worst < RESIDUAL:
                 break
             slope = limit / (1 + w) ** 2
-            ties[inner] = upwind = push * np.where(ahead[inner] > 0, alpha[first], alpha[second])
-            leaving = cells.sum_out(ahead + spread, back + spread)
-            diagonal = (rate + leaving) * slope[: cells.owned]
+            upwind = np.where(ahead[inner] > 0, alpha[first], alpha[second])
+            ties[inner] = spread[inner] * upwind
+            diagonal = (rate + cells.sum_out(ahead, back) + cells.add(ties)) * slope[: cells.owned]
+            wider = ties[inner].copy()
+            ties[inner] = upwind = push * upwind
             diagonal += cells.add(ties) * stiff[: cells.owned]
             self.matrix.set(
                 [diagonal],
                 [
                     (
-                        -(back + spread)[inner] * slope[second] - upwind * stiff[second],
-                        -(ahead + spread)[inner] * slope[first] - upwind * stiff[first],
+                        -(back[inner] + wider) * slope[second] - upwind * stiff[second],
+                        -(ahead[inner] + wider) * slope[first] - upwind * stiff[first],
                     )
                 ],
             )
@@ -165,6 +175,19 @@ class SolidsFraction:
         dilation = cells.whole(cells.sum(moved) / line.volume)
         flux = (through - levels.kept) / share
         return Moved(cells.whole(alpha), flux, through, added, p_s, dilation)
+
+    def _spread(self, levels: Levels, stirred: Stirred) -> Array:
+        """Volume flux over -(difference of alpha_s) by which faces follow dispersion [m3/s].
+
+        With m = a rho/dt of the phases a force F on the solids and -F on the gas, which fill the
+        volume together, move the solids by u_s = a_g F/(a_g^2 m_s + a_s^2 m_g + beta).
+        """
+        cells, laws = self.line.cells, self.laws
+        alpha = cells.mean(levels.now.alpha)
+        void, span = 1 - alpha, levels.span_faces
+        inertia = laws.solids.density * void + laws.gas.density * alpha
+        hold = alpha * void * inertia / span + cells.mean(stirred.drag)
+        return void / hold * cells.mean(stirred.dispersion) * cells.reach
 
     def _beyond(self, moved: Array, alpha: Array, levels: Levels, rate: Array) -> Array:
         """What slopes in the cells add to the upwind fluxes, within the bounds of the fraction."""

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -79,7 +79,19 @@ class Momenta:
         gas = self._gas(at, levels, start, moved, stirred)
         if moved is None:
             return [gas]
-        return [self._solids(at, levels, start, moved, rates, stirred), gas]
+        solids = self._solids(at, levels, start, moved, rates, stirred)
+        if stirred is None or stirred.dispersion is None:
+            return [solids, gas]
+        force = self._dispersed(at, stirred)
+        return [replace(solids, dispersed=-force), replace(gas, dispersed=force)]
+
+    def _dispersed(self, at: Moment, stirred: Stirred) -> Array:
+        """Force on the gas by which eddies spread the solids, along the normals of faces [N/m3]."""
+        cells, inner, alpha = self.line.cells, self.line.inner, at.alpha
+        force = np.zeros(cells.faces)
+        rise = alpha[cells.second] - alpha[cells.first[inner]]
+        force[inner] = cells.mean(stirred.dispersion)[inner] * rise * self.line.normal_slope[inner]
+        return force
 
     def _solids(
         self,
@@ -190,6 +202,8 @@ class Momenta:
             if phase.pressure is not None:
                 p_s = phase.pressure
                 force[inner] -= (p_s[second] - p_s[first]) * line.normal_slope[inner]
+            if phase.dispersed is not None:
+                force += phase.dispersed
             force *= line.open
             if phase.name == "solids" and feed.blocked:
                 force[line.outlet] = 0.0

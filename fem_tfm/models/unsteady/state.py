@@ -166,7 +166,9 @@ class Stirred:
     gradient : of u_g [1/s]
     mu_t : eddy viscosity of the gas [Pa s]
     nu_s : of the solids [m2/s]
-    dispersion : D by which eddies spread the solids [m2/s]
+    dispersion : c of the force c grad alpha_s by which eddies spread the solids, on the gas, and
+        the opposite on them [Pa]; None without any
+    drag : beta [kg/m3/s], where there is dispersion
     normal : normal stress of the eddies over a rho, of "k" and "k_s" [m2/s2]; None without any
     spread, rate, stiffness : of each scale X that is transported: diffusivity [m2/s], sources over
         X [1/s], and how fast they fall with ln X [1/s]
@@ -175,7 +177,8 @@ class Stirred:
     gradient: Array
     mu_t: Array
     nu_s: Array | float
-    dispersion: Array
+    dispersion: Array | None
+    drag: Array | None
     normal: Mapping[str, Array] | None
     spread: Mapping[str, Array]
     rate: Mapping[str, Array]
@@ -193,6 +196,7 @@ class Phase:
     viscosity, bulk : of the whole phase [Pa s]
     traction : friction of the faces of the wall [kg/s]
     pressure : p_s, or that of the gas's eddies [Pa]; None where the phase has none of its own
+    dispersed : force by which eddies spread the solids, along the normals of faces [N/m3], or None
     """
 
     name: str
@@ -207,3 +211,4 @@ class Phase:
     gradient: Array
     traction: Array
     pressure: Array | None
+    dispersed: Array | None = None

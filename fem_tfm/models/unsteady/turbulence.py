@@ -102,10 +102,13 @@ class Turbulence:
         grains = self._grains(now) if laws.solids else None
         gas = self._met(eddies)
         balances = self._balances(eddies, gas, grains)
-        nu_s, spread, normal = 0.0, np.zeros(cells.count), None
+        nu_s, spread, drag, normal = 0.0, None, None, None
         if grains is not None:
             nu_s = self.dispersed.viscosity(gas, grains)
-            spread = spread + laws.laws.dispersion.diffusivity(gas, grains, nu_s)
+            if laws.laws.dispersion.name != "none":
+                diffusivity = laws.laws.dispersion.diffusivity(gas, grains, nu_s)
+                spread = grains.specific * diffusivity / (1 - grains.alpha)
+                drag = grains.specific * grains.alpha
             share = self.dispersed.normal_stress if self._of_solids else 0.0
             if share:
                 normal = {name: share * 2 / 3 * now.scales[name] for name in ("k", "k_s")}
@@ -119,6 +122,7 @@ class Turbulence:
             gas.nu * laws.gas.density,
             nu_s,
             spread,
+            drag,
             normal,
             {name: balance.diffusivity / stretch[name] for name, balance in balances.items()},
             {name: balance.rate * stretch[name] for name, balance in balances.items()},
