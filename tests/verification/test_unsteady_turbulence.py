@@ -47,7 +47,7 @@ def order(request: pytest.FixtureRequest) -> int:
 
 @pytest.mark.parametrize("dt", [0.005, 10.0])
 def test_turbulence_decays_as_its_power_law(dt: float) -> None:
-    """k = k_0 [1 + (C_2 - 1) t eps_0/k_0]^(-1/(C_2 - 1)); steps of many eddy times stay positive."""
+    """k = k_0 [1 + (C_2 - 1) t eps_0/k_0]^(-1/(C_2 - 1)), and positive after the longest steps."""
     found = flow(
         box((10.0, 10.0, 10.0), (2, 2, 2), "ssssss"), {"closures.turbulence": "k-epsilon"}, True
     )

@@ -162,6 +162,9 @@ class Momenta:
             k = at.scales["k"][edge] if "k" in at.scales else None
             friction = laws.gas_friction(void[edge], slip, line.wall_height, k)
             traction = friction * cells.size[wall]
+        steeper = None
+        if stirred is None and (mu > laws.gas.viscosity).any():
+            steeper = self._steeper(mu, void, levels)
         eddies = None
         if stirred is not None and stirred.normal is not None:
             eddies = void * laws.gas.density * stirred.normal["k"]
@@ -178,7 +181,23 @@ class Momenta:
             gradient=gradient,
             traction=traction,
             pressure=eddies,
+            steeper=steeper,
         )
+
+    def _steeper(self, viscosity: Array, void: Array, levels: Levels) -> Array:
+        """Growth of the stress with the shear beyond mu S, of faces [kg/s].
+
+        mu_t of a mixing length grows with S. With that of the state before the step S_new S_old is
+        what the stress makes it, and where inertia does not hold S it swings for ever. As much
+        again in the matrix, less what that adds at the velocities before, is Newton's step.
+        """
+        cells, inner = self.line.cells, self.line.inner
+        eddy = np.maximum(viscosity - void * self.laws.gas.viscosity, 0.0)
+        found = np.zeros(cells.faces)
+        eddy = (cells.mean(eddy) * cells.reach)[inner]
+        inertia = cells.mean(void * self.laws.gas.density * cells.volume) / levels.span_faces
+        found[inner] = eddy**2 / (eddy + inertia[inner])
+        return found
 
     # -- forces --------------------------------------------------------------------------------
 
@@ -289,6 +308,8 @@ class Momenta:
         ahead, back = np.maximum(flux, 0.0), np.maximum(-flux, 0.0)
         spread = cells.mean(phase.viscosity) * cells.reach
         spread[cells.inner :] = 0.0
+        if phase.steeper is not None:
+            spread += phase.steeper
         diagonal = inertia + cells.sum_out(back, ahead) + cells.add(spread)
         side = inertia[:, None] * phase.velocity[own]
         mass = phase.density * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
@@ -312,6 +333,12 @@ class Momenta:
     def _lagging(self, phase: Phase, velocity: Array, gradient: Array, levels: Levels) -> Array:
         """Force on the owned cells that the matrix does not hold, of a known velocity [N]."""
         line, found = self.line, self._stress(phase, gradient)
+        cells, inner = line.cells, line.inner
+        if phase.steeper is not None:
+            known = np.zeros((cells.faces, 3))
+            rise = velocity[cells.first[inner]] - velocity[cells.second]
+            known[inner] = phase.steeper[inner, None] * rise
+            found = found + cells.sum(known)
         if not line.order:
             return found
         flux = levels.linear * phase.density * phase.flux

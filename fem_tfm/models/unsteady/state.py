@@ -196,7 +196,8 @@ class Phase:
     viscosity, bulk : of the whole phase [Pa s]
     traction : friction of the faces of the wall [kg/s]
     pressure : p_s, or that of the gas's eddies [Pa]; None where the phase has none of its own
-    dispersed : force by which eddies spread the solids, along the normals of faces [N/m3], or None
+    dispersed : force by which eddies spread the solids, along normals of faces [N/m3], or None
+    steeper (faces) : how much more than viscosity the stress grows with the shear [kg/s], or None
     """
 
     name: str
@@ -212,3 +213,4 @@ class Phase:
     traction: Array
     pressure: Array | None
     dispersed: Array | None = None
+    steeper: Array | None = None

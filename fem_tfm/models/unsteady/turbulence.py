@@ -191,8 +191,8 @@ class Turbulence:
     def _at_wall(self, eddies: Eddies, now: Moment) -> Eddies:
         """Eddies whose shear in the wall's cells knows of the wall, which their gradient does not.
 
-        S = min(S_w/2 + S_g, max(S_w, S_g)) of that by the traction of the wall, (mu + mu_t) S_w, and
-        by the gradient: S_w/2 = S_g = u_tau/(2 kappa y) in a log layer of cells of one height,
+        S = min(S_w/2 + S_g, max(S_w, S_g)) of S_w by the traction of the wall, (mu + mu_t) S_w, and
+        S_g by the gradient: S_w/2 = S_g = u_tau/(2 kappa y) in a log layer of cells of one height,
         S_w = S_g in a viscous one, and half of S_w where grains bear the stress within a cell.
         """
         line, cells, laws, edges = self.line, self.line.cells, self.laws, self._edges
