@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from boxes import AIR, GRAINS, box, flow
 from mpi4py import MPI
+from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
 
 from fem_tfm.closures import make
+from fem_tfm.closures.materials import Gas
 from fem_tfm.models.unsteady import Feed, Flow3D
 from fem_tfm.models.unsteady.levels import euler
 from fem_tfm.models.unsteady.state import Moved
@@ -67,6 +69,48 @@ def test_gas_between_plates_has_the_profile_of_poiseuille(order: int) -> None:
     assert gradient == pytest.approx(12 * viscosity * speed / height**2, rel=0.01)
     u, y = owned(found, found.now.u_g)[layers[0], 2], centre[layers[0], 1] / height
     assert u == pytest.approx(1.5 * speed * (1 - 4 * y**2), abs=0.01 * speed)
+
+
+@pytest.mark.parametrize("layers", [8, 16, 24])
+def test_turbulent_gas_between_plates_feels_the_wall_alike_on_every_mesh(layers: int) -> None:
+    # the log law up to y_p and the mixing length beyond tell the gradient of this mean velocity
+    speed, height, length, offset = 100.0, 0.02, 2.0, 5e-4
+    gas, law = Gas(1.2, 1.8e-5), make("turbulence", "mixing-length")
+    found = flow(
+        box((1.0, height, length), (1, layers, 10), "sswwio"),
+        {
+            "operation.gas_superficial_velocity": speed,
+            "closures.turbulence": "mixing-length",
+            "walls.gas": "log-law",
+            "walls.distance": offset,
+        },
+        alone=True,
+    )
+    found.move(np.zeros(3), np.array([0.0, 0.0, speed]))
+    # the viscosity is that of the step before: longer steps over a cell's width let it swing
+    for _ in range(20 * (layers // 8) ** 2):
+        found.advance(0.192 / layers**2, Feed(speed))
+    centre, p = owned(found, found.cells.centre)[:, 2], owned(found, found.now.p)
+    means = [p[np.isclose(centre, (i + 0.5) * length / 10)].mean() for i in (7, 8)]
+    gradient = (means[0] - means[1]) / (length / 10)
+
+    y = np.geomspace(offset, height / 2, 500)
+
+    def bulk(gradient: float) -> float:
+        def shear(distance: float) -> float:
+            def surplus(rate: float) -> float:
+                mu_t = law.eddy_viscosity(rate, distance, gas, found.laws.width / 2)
+                return (gas.viscosity + mu_t) * rate - gradient * (height / 2 - distance)
+
+            return brentq(surplus, 0.0, gradient * height / gas.viscosity)
+
+        friction = math.sqrt(gradient * height / 2 / gas.density)
+        start = friction / 0.41 * math.log(9.8 * friction * offset * gas.density / gas.viscosity)
+        u = start + cumulative_trapezoid([shear(d) for d in y], y, initial=0.0)
+        strip = offset * (start - friction / 0.41)
+        return float((np.trapezoid(u, y) + strip) / (height / 2))
+
+    assert gradient == pytest.approx(brentq(lambda g: bulk(g) - speed, 500.0, 1e4), rel=0.01)
 
 
 @pytest.mark.parametrize("speed", [0.1, 1.0])

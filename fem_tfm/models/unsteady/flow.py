@@ -214,7 +214,7 @@ class Flow3D:
         return replace(found, shear=shear)
 
     def _drag(self, at: Moment) -> Array:
-        return self.laws.drag(at.alpha, at.u_g - at.u_s, self.line.distance)
+        return self.laws.drag(at.alpha, at.u_g - at.u_s, self.line.gas_profile[0])
 
     # -- what others read ----------------------------------------------------------------------
 

@@ -128,24 +128,31 @@ class CellLaws:
         )
         return found * distance**2 / (distance**2 + self.gap**2) if self.gap else found
 
-    def gas_viscosity(self, gradient: Array, distance: Array) -> Array:
-        """mu_g + mu_t [Pa s] at grad u_g (cells, 3, 3) [1/s] and a distance to the wall [m]."""
-        eddies = self.eddies(gradient, distance)
-        return self.gas.viscosity + self.laws.turbulence.viscosity(eddies)
+    def gas_viscosity(self, gradient: Array, height: Array, slope: Array) -> Array:
+        """Viscosity [Pa s] that the profile at height y' [m] shows at grad u_g [1/s].
+
+        (mu_g + mu_t)/(dy'/dy); grad u_g (cells, 3, 3), slope dy'/dy
+        """
+        eddies = self.eddies(gradient, height, slope)
+        return (self.gas.viscosity + self.laws.turbulence.viscosity(eddies)) / slope
 
     def eddies(
         self,
         gradient: Array,
-        distance: Array,
+        height: Array,
+        slope: Array | float,
         k: Array | None = None,
         eps: Array | None = None,
     ) -> Eddies:
-        """What a law of turbulence sees of a phase, at the gradient of its velocity [1/s]."""
+        """What a law of turbulence sees of a phase, at the gradient of its velocity [1/s].
+
+        height, slope : y' [m] and dy'/dy of its profile
+        """
         strain = (gradient + np.swapaxes(gradient, 1, 2)) / 2
         third = np.einsum("nii->n", strain) / 3
         shear = 2 * (np.einsum("nij,nij->n", strain, strain) - 3 * third**2)
         shear = np.maximum(shear, 0.0) + (SHEAR_FLOOR * self.speed / self.width) ** 2
-        found = Eddies(np.sqrt(shear), distance, self.gas, self.width / 2)
+        found = Eddies(np.sqrt(shear) / slope, height, self.gas, self.width / 2)
         if k is None:
             return found
         d = gradient
@@ -157,7 +164,7 @@ class CellLaws:
         det = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
         return replace(
             found,
-            spin=np.sqrt(shear / 2 + turn),
+            spin=np.sqrt(shear / 2 + turn) / slope,
             skewness=3 * math.sqrt(6) * det / (shear / 2) ** 1.5,
             k=k,
             eps=eps,

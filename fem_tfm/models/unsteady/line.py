@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from fem_tfm.case import Case
+from fem_tfm.closures.walls import GasWall
 from fem_tfm.feed import power_law
 from fem_tfm.mesh import Mesh
 from fem_tfm.solvers.cells import Array, Cells
@@ -15,6 +16,8 @@ SMOOTH = 0.3
 # a wall whose normal has a smaller part along the axis is a side of the line, not an end
 ALONG = 0.7
 PARTS = ("inlet", "outlet", "wall", "symmetry")
+# share of the wall law's distance that stands for no stretching
+SHORTEST = 1e-9
 
 
 class Line:
@@ -36,6 +39,8 @@ class Line:
     normal (faces, 3), normal_slope (faces) : unit normal; 1/distance along it [1/m]
     open (faces) : 1 on faces that a phase can pass without being fed, else 0
     distance : of the cells to the wall of the mesh [m]
+    gas_profile : height y' of the gas's profile that the cells carry [m], and dy'/dy
+    wall_height : at which the wall law meets the gas of the wall's cells [m]
     profile : normal velocity of what enters over its mean, on the faces of the inlet [-]
     order : 0, upwind, or 1, limited linear
     speed, width : scales of the flow [m/s], [m]
@@ -60,6 +65,9 @@ class Line:
         self.open[self.outlet] = 1.0
         self.reconstruct = cells.reconstruction(["inlet"] if self.has_inlet else [])
         self.distance = self._distance()
+        law, offset = case.walls.gas, case.wall_distance
+        self.gas_profile = _stretched(law, self.distance, offset)
+        self.wall_height = _wall_height(law, 1 / self.normal_slope[self.wall], offset, self.width)
         self.profile = self._inlet_profile(case)
         # extrema of smooth values are lower than this in fine cells
         reach = np.linalg.norm(cells.apart[: cells.inner], axis=1)
@@ -112,3 +120,19 @@ class Line:
     def little(self, value: float) -> float:
         """Norm of a vector with `value` in every cell."""
         return value * self.cells.map.size_global**0.5
+
+
+def _stretched(law: GasWall, distance: Array, offset: float) -> tuple[Array, Array]:
+    """Height y' [m] of the profile that points off the wall carry, and dy'/dy."""
+    height, slope = law.stretched(distance, offset)
+    return height, np.zeros_like(distance) + slope
+
+
+def _wall_height(law: GasWall, distance: Array, offset: float, diameter: float) -> Array:
+    """Height [m] at which the law meets gas `distance` off the wall.
+
+    The law makes up for the flux that its stretched strip adds, here for what is within the cell.
+    """
+    height, _ = _stretched(law, distance, offset)
+    added = np.maximum(height - distance, SHORTEST * offset)
+    return height * law.height(added, diameter) / added

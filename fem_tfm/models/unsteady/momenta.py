@@ -58,7 +58,6 @@ class Momenta:
             np.ascontiguousarray(vectors[line.inner].T)
             for vectors in (line.cells.area, line.cells.skew)
         )
-        self._height = 1 / line.normal_slope[line.wall]
         self._matrix = CellMatrix(line.cells, 1 if laws.solids is None else 2)
         self._krylov = Krylov(self._matrix, "transport", TRANSPORT_TOLERANCE)
 
@@ -142,12 +141,15 @@ class Momenta:
         void = 1 - at.alpha
         if stirred is None:
             gradient = cells.whole(cells.gradient(levels.now.u_g))
-            mu = laws.gas_viscosity(gradient, line.distance)
+            mu = laws.gas_viscosity(gradient, *line.gas_profile)
             if levels.past is not None:
                 before = cells.whole(cells.gradient(levels.past.u_g))
-                mu = levels.grown(mu, laws.gas_viscosity(before, line.distance))
+                mu = levels.grown(mu, laws.gas_viscosity(before, *line.gas_profile))
         else:
-            gradient, mu = stirred.gradient, laws.gas.viscosity + stirred.mu_t
+            gradient, mu = (
+                stirred.gradient,
+                (laws.gas.viscosity + stirred.mu_t) / line.gas_profile[1],
+            )
         mu = void * mu
         flux = at.total - (0.0 if moved is None else moved.flux)
         flux[line.inlet] = 0.0
@@ -158,7 +160,7 @@ class Momenta:
             # found at the centre of the wall's cells
             slip = laws.slip(at.u_g[edge], line.normal[wall])
             k = at.scales["k"][edge] if "k" in at.scales else None
-            friction = laws.gas_friction(void[edge], slip, self._height, k)
+            friction = laws.gas_friction(void[edge], slip, line.wall_height, k)
             traction = friction * cells.size[wall]
         eddies = None
         if stirred is not None and stirred.normal is not None:

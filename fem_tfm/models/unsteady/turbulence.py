@@ -57,7 +57,7 @@ class Turbulence:
         self._of_solids = _plain(self.dispersed.transported) if laws.solids else ()
         self.transport = Transport(line, matrix)
         self._edges = np.unique(line.cells.first[line.wall])
-        self._height = 1 / line.normal_slope[line.wall]
+        self._height = line.wall_height
         self._floors = {}
         for phase in ("gas", "solids") if self._of_solids else ("gas",):
             self._floors |= self._estimate(phase, laws.speed, LEAST_INTENSITY, laws.width)
@@ -100,7 +100,7 @@ class Turbulence:
         line, cells, laws = self.line, self.line.cells, self.laws
         gradient = cells.whole(cells.gradient(now.u_g))
         scales = [now.scales[name] for name in self._of_gas]
-        eddies = laws.eddies(self._mirrored(gradient), line.distance, *scales)
+        eddies = laws.eddies(self._mirrored(gradient), *line.gas_profile, *scales)
         eddies = self._at_wall(eddies, now)
         grains = self._grains(now) if laws.solids else None
         gas = self._met(eddies)
@@ -118,6 +118,8 @@ class Turbulence:
         stiffness = {}
         for name, rate in self._rates_beside(eddies, gas, grains).items():
             stiffness[name] = np.maximum((balances[name].rate - rate) / SMALL_RISE["k"], 0.0)
+        # the gas's scales live on its stretched profile
+        stretch = {name: line.gas_profile[1] if name in self._of_gas else 1.0 for name in balances}
         return Stirred(
             gradient,
             gas.nu * laws.gas.density,
@@ -125,9 +127,9 @@ class Turbulence:
             spread,
             drag,
             normal,
-            {name: balance.diffusivity for name, balance in balances.items()},
-            {name: balance.rate for name, balance in balances.items()},
-            stiffness,
+            {name: balance.diffusivity / stretch[name] for name, balance in balances.items()},
+            {name: balance.rate * stretch[name] for name, balance in balances.items()},
+            {name: stiff * stretch[name] for name, stiff in stiffness.items()},
         )
 
     def _met(self, eddies: Eddies) -> GasEddies:
@@ -176,12 +178,12 @@ class Turbulence:
         if self._of_solids:
             gradient = self._mirrored(cells.whole(cells.gradient(now.u_s)))
             scales = (now.scales[name] for name in self._of_solids)
-            eddies = laws.eddies(gradient, line.distance, *scales)
+            eddies = laws.eddies(gradient, line.distance, 1.0, *scales)
         return Grains(
             alpha=alpha,
             theta=now.theta,
             g0=g0,
-            specific=laws.drag(alpha, slip, line.distance) / alpha,
+            specific=laws.drag(alpha, slip, line.gas_profile[0]) / alpha,
             slip=laws.slip_speed(slip),
             drift=-crowding,
             solids=laws.solids,
@@ -316,7 +318,7 @@ class Turbulence:
             return None
         laws, edges = self.laws, self._edges
         k = found[self._of_gas[0]][edges]
-        distance = self.line.distance[edges]
+        distance = self.line.gas_profile[0][edges]
         eddies = Eddies(None, distance, laws.gas, laws.width / 2, k=k)
         values = self.gas_law.wall_values(eddies)
         if f"ln_{name}" not in values:
