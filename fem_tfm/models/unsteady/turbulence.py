@@ -47,10 +47,6 @@ class Turbulence:
     case : what enters
     line, laws : mesh and coefficients
     matrix : scalar matrix, whose values are overwritten
-
-    Attributes
-    ----------
-    names : of the scales that are transported
     """
 
     def __init__(self, case: Case, line: Line, laws: CellLaws, matrix: CellMatrix) -> None:
@@ -58,11 +54,12 @@ class Turbulence:
         self.gas_law, self.dispersed = laws.laws.turbulence, laws.laws.dispersed
         self._of_gas = _plain(self.gas_law.transported)
         self._of_solids = _plain(self.dispersed.transported) if laws.solids else ()
-        self.names = self._of_gas + self._of_solids
         self.transport = Transport(line, matrix)
         self._edges = np.unique(line.cells.first[line.wall])
         self._height = line.wall_height
-        self._floors = self._estimate(laws.speed, LEAST_INTENSITY, laws.width)
+        self._floors = {}
+        for phase in ("gas", "solids") if self._of_solids else ("gas",):
+            self._floors |= self._estimate(phase, laws.speed, LEAST_INTENSITY, laws.width)
 
     @staticmethod
     def is_needed(laws: CellLaws) -> bool:
@@ -75,21 +72,25 @@ class Turbulence:
 
     def start(self) -> dict[str, Array]:
         """Turbulence of the intensity of what enters, in all cells."""
-        given, laws = self.inlet, self.laws
-        length = given.length_scale * laws.width
-        found = self._estimate(laws.speed, given.gas_intensity, length)
-        found |= self._estimate(laws.speed, given.solids_intensity, length, self._of_solids)
+        found = self._entering("gas", self.laws.speed)
+        if self._of_solids:
+            found |= self._entering("solids", self.laws.speed)
         return {name: np.full(self.line.cells.count, value) for name, value in found.items()}
 
+    def _entering(self, phase: str, speed: float) -> dict[str, float]:
+        """Scales of what enters of a phase at a mean speed [m/s]."""
+        given, laws = self.inlet, self.laws
+        intensity = given.gas_intensity if phase == "gas" else given.solids_intensity
+        speed = max(speed, LEAST_INTENSITY * laws.speed)
+        return self._estimate(phase, speed, intensity, given.length_scale * laws.width)
+
     def _estimate(
-        self, speed: float, intensity: float, length: float, names: tuple[str, ...] | None = None
+        self, phase: str, speed: float, intensity: float, length: float
     ) -> dict[str, float]:
-        """Scales of an intensity of a speed and a length of the eddies, of both phases or some."""
-        found = dict(self.gas_law.estimate(speed, intensity, length))
-        if self.laws.solids:
-            found |= self.dispersed.estimate(speed, intensity, length)
-        wanted = self.names if names is None else names
-        return {n: float(np.exp(found[f"ln_{n}"])) for n in wanted}
+        """Scales of a phase at an intensity of a speed [m/s] and a length of the eddies [m]."""
+        law = self.gas_law if phase == "gas" else self.dispersed
+        found = law.estimate(speed, intensity, length)
+        return {name.removeprefix("ln_"): float(np.exp(value)) for name, value in found.items()}
 
     # -- what the laws make of a state ---------------------------------------------------------
 
@@ -98,7 +99,8 @@ class Turbulence:
         line, cells, laws = self.line, self.line.cells, self.laws
         gradient = cells.whole(cells.gradient(now.u_g))
         scales = [now.scales[name] for name in self._of_gas]
-        eddies = self._at_wall(laws.eddies(gradient, *line.gas_profile, *scales), now)
+        eddies = laws.eddies(self._mirrored(gradient), *line.gas_profile, *scales)
+        eddies = self._at_wall(eddies, now)
         grains = self._grains(now) if laws.solids else None
         gas = self._met(eddies)
         balances = self._balances(eddies, gas, grains)
@@ -173,7 +175,7 @@ class Turbulence:
         crowding = np.einsum("ni,ni->n", slip, crowding) / np.sqrt(alpha**2 + steepest)
         eddies = None
         if self._of_solids:
-            gradient = cells.whole(cells.gradient(now.u_s))
+            gradient = self._mirrored(cells.whole(cells.gradient(now.u_s)))
             scales = (now.scales[name] for name in self._of_solids)
             eddies = laws.eddies(gradient, line.distance, 1.0, *scales)
         return Grains(
@@ -188,12 +190,29 @@ class Turbulence:
             eddies=eddies,
         )
 
-    def _at_wall(self, eddies: Eddies, now: Moment) -> Eddies:
-        """Eddies whose shear in the wall's cells knows of the wall, which their gradient does not.
+    def _mirrored(self, gradient: Array) -> Array:
+        """Gradient of a velocity next to planes of symmetry, across which cells see no neighbour.
 
-        S = min(S_w/2 + S_g, max(S_w, S_g)) of S_w by the traction of the wall, (mu + mu_t) S_w, and
-        S_g by the gradient: S_w/2 = S_g = u_tau/(2 kappa y) in a log layer of cells of one height,
-        S_w = S_g in a viscous one, and half of S_w where grains bear the stress within a cell.
+        It is found half a cell further in than the centre, where the slope of what runs along the
+        plane is twice as large.
+        """
+        line, cells = self.line, self.line.cells
+        if "symmetry" not in cells.parts:
+            return gradient
+        part = cells.parts["symmetry"]
+        edge, normal = cells.first[part], line.normal[part]
+        slope = np.einsum("nij,nj->ni", gradient[edge], normal)
+        slope -= np.einsum("ni,ni->n", slope, normal)[:, None] * normal
+        found = gradient.copy()
+        np.subtract.at(found, edge, 0.5 * slope[:, :, None] * normal[:, None, :])
+        return cells.exchange(found)
+
+    def _at_wall(self, eddies: Eddies, now: Moment) -> Eddies:
+        """Eddies whose shear in the wall's cells knows of the wall, as their gradient does not.
+
+        S = min(S_w/2 + S_g, max(S_w, S_g)), by the traction of the wall, (mu + mu_t) S_w, and by
+        the gradient. In a log layer of cells of one height S_w/2 = S_g = u_tau/(2 kappa y), in a
+        viscous one S_w = S_g; where grains bear the stress within a cell it is half of S_w.
         """
         line, cells, laws, edges = self.line, self.line.cells, self.laws, self._edges
         if not line.has_wall or not self._of_gas:
@@ -251,20 +270,13 @@ class Turbulence:
             ("solids", self._of_solids, now.alpha, passed),
         ):
             fraction = np.maximum(fraction, SMALLEST_FRACTION)
-            entering = self._entering(phase, feed)
+            entering = self._entering(phase, feed.mean_velocity(phase)) if names else {}
             for name in names:
                 found[name] = self._carried(
                     name, now, stirred, fraction, flux, dt, entering[name], found
                 )
                 effort["turbulence"] += self.transport.iterations
         return found
-
-    def _entering(self, phase: str, feed: Feed) -> dict[str, float]:
-        """Scales of what enters of a phase."""
-        given, laws = self.inlet, self.laws
-        intensity = given.gas_intensity if phase == "gas" else given.solids_intensity
-        speed = max(feed.mean_velocity(phase), LEAST_INTENSITY * laws.speed)
-        return self._estimate(speed, intensity, given.length_scale * laws.width)
 
     def _carried(
         self,
