@@ -389,6 +389,8 @@ class Reconstruction:
         products = cells.area[:, :, None] * cells.area[:, None, :] * weight[:, None, None]
         matrix = cells.add(products.reshape(-1, 9)).reshape(-1, 3, 3)
         inverse = np.linalg.inv(matrix)
+        self._matrix = matrix
+        self._used = used
         # the same vector for both cells of a face: |S| n n.u summed without direction
         self._operator = []
         faces = abs(cells._sum)
@@ -405,6 +407,26 @@ class Reconstruction:
     def __call__(self, normal: Array) -> Array:
         """Vectors (owned, 3) from components along the area vectors (faces)."""
         return (self._operator @ normal).reshape(3, -1).T
+
+
+    def weighted(self, normal: Array, weights) -> Array:
+        found = self(normal)
+        if weights is None:
+            return found
+        cells = self._cells
+        inner = slice(0, cells.inner)
+        b = np.einsum("nij,nj->ni", self._matrix, found)
+        A = self._matrix.copy()
+        touched = np.zeros(cells.owned, bool)
+        for cell, w in zip((cells.first[inner], cells.second), weights):
+            f = np.flatnonzero((w < 1) & (cell < cells.owned))
+            S = cells.area[f]
+            np.add.at(A, cell[f], -((1 - w[f])/cells.size[f])[:, None, None] * S[:, :, None]*S[:, None, :])
+            np.add.at(b, cell[f], -((1 - w[f]) * normal[f])[:, None] * S)
+            touched[cell[f]] = True
+        if touched.any():
+            found[touched] = np.linalg.solve(A[touched], b[touched][..., None])[..., 0]
+        return found
 
 
 class CellMatrix:

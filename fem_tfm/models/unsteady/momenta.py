@@ -148,7 +148,11 @@ class Momenta:
         slope[line.outlet] = -at.p[cells.first[line.outlet]] * line.normal_slope[line.outlet]
         gaps, accelerated = [], []
         for phase in phases:
-            share = np.maximum(cells.mean(phase.fraction), SMALLEST_FRACTION)
+            weights = None
+            if phase.pressure is not None:
+                share, weights = self._shares(phase)
+            else:
+                share = cells.mean(phase.fraction)
             force = -share * slope
             force += share * (phase.density - self.laws.gas.density) * self._weight
             if phase.pressure is not None:
@@ -157,12 +161,31 @@ class Momenta:
             force *= line.open
             if phase.name == "solids" and feed.blocked:
                 force[line.outlet] = 0.0
-            mass = phase.density * share
-            vector = cells.whole(line.reconstruct(force / mass))
+            mass = phase.density * np.maximum(share, SMALLEST_FRACTION)
+            vector = cells.whole(line.reconstruct.weighted(force / mass, weights))
             average = cells.flux(vector) / cells.size
             gaps.append(force - mass * average * line.open)
             accelerated.append(vector)
         return gaps, accelerated
+
+    def _shares(self, phase: Phase):
+        """Fraction of the solids on faces."""
+        line, cells, inner = self.line, self.line.cells, self.line.inner
+        share = cells.mean(phase.fraction)
+        heavy = (phase.density - self.laws.gas.density) * self._weight[inner]
+        first, second = cells.first[inner], cells.second
+        steep = np.minimum(1.0, 5 * np.abs(self._weight[inner]) / 9.81)
+        weights = []
+        gain = np.zeros(cells.inner)
+        for cell, w, sign in ((first, cells.share, -1), (second, 1 - cells.share, 1)):
+            part = w * phase.fraction[cell]
+            need = np.abs(heavy) * part
+            missing = steep*np.maximum(0.0, 1 - phase.pressure[cell] * line.normal_slope[inner] / np.maximum(need, 1e-300))
+            up = heavy * sign > 0   # face above the cell
+            gain += np.where(up, -1.0, 1.0) * missing * part
+            weights.append(np.where(up, np.maximum(1 - missing,1e-8), 1.0))
+        share[inner] += gain
+        return share, weights
 
     def _stress(self, phase: Phase, gradient: Array) -> Array:
         """What the implicit difference leaves of the viscous force on the owned cells [N]."""
