@@ -377,8 +377,8 @@ class Cells:
 class Reconstruction:
     """Vectors in cells from normal components on their faces, by least squares.
 
-    u = (sum S S/|S|)^-1 sum S u_n, exact for a uniform field; faces of the parts `without` are left
-    out.
+    u = (sum c S S/|S|)^-1 sum c S u_n, exact for a uniform field; faces of the parts `without` are
+    left out. c is one unless it is given.
     """
 
     def __init__(self, cells: Cells, without: Sequence[str]) -> None:
@@ -388,9 +388,7 @@ class Reconstruction:
         weight = used / cells.size
         products = cells.area[:, :, None] * cells.area[:, None, :] * weight[:, None, None]
         matrix = cells.add(products.reshape(-1, 9)).reshape(-1, 3, 3)
-        inverse = np.linalg.inv(matrix)
-        self._matrix = matrix
-        self._used = used
+        self._matrix, inverse = matrix, np.linalg.inv(matrix)
         # the same vector for both cells of a face: |S| n n.u summed without direction
         self._operator = []
         faces = abs(cells._sum)
@@ -404,29 +402,45 @@ class Reconstruction:
         self._operator = sparse.csr_array(sparse.vstack(self._operator))
         self._cells = cells
 
-    def __call__(self, normal: Array) -> Array:
-        """Vectors (owned, 3) from components along the area vectors (faces)."""
-        return (self._operator @ normal).reshape(3, -1).T
+    def __call__(self, normal: Array, counts: Sequence[Array] | None = None) -> Array:
+        """Vectors (owned, 3) from components along the area vectors (faces).
 
-
-    def weighted(self, normal: Array, weights) -> Array:
-        found = self(normal)
-        if weights is None:
+        counts (inner) : c <= 1 for the first and for the second cell of each inner face
+        """
+        found = (self._operator @ normal).reshape(3, -1).T
+        if counts is None:
             return found
-        cells = self._cells
-        inner = slice(0, cells.inner)
-        b = np.einsum("nij,nj->ni", self._matrix, found)
-        A = self._matrix.copy()
-        touched = np.zeros(cells.owned, bool)
-        for cell, w in zip((cells.first[inner], cells.second), weights):
-            f = np.flatnonzero((w < 1) & (cell < cells.owned))
-            S = cells.area[f]
-            np.add.at(A, cell[f], -((1 - w[f])/cells.size[f])[:, None, None] * S[:, :, None]*S[:, None, :])
-            np.add.at(b, cell[f], -((1 - w[f]) * normal[f])[:, None] * S)
-            touched[cell[f]] = True
-        if touched.any():
-            found[touched] = np.linalg.solve(A[touched], b[touched][..., None])[..., 0]
+        cells, faces, sides = self._cells, [], []
+        for cell, count in zip((cells.first[: cells.inner], cells.second), counts, strict=True):
+            less = np.flatnonzero((count < 1) & (cell < cells.owned))
+            faces.append(less)
+            sides.append((cell[less], 1 - count[less]))
+        face = np.concatenate(faces)
+        if not face.size:
+            return found
+        cell, lack = (np.concatenate(part) for part in zip(*sides, strict=True))
+        here, place = np.unique(cell, return_inverse=True)
+        area = cells.area[face]
+        along = area / cells.size[face, None]
+        off = lack * (np.einsum("ni,ni->n", along, found[cell]) - normal[face])
+
+        def gather(values: Array) -> Array:
+            return np.bincount(place, values, here.size)
+
+        side = np.stack([gather(off * area[:, i]) for i in range(3)], axis=1)
+        lost = np.empty((here.size, 3, 3))
+        for i in range(3):
+            for j in range(i + 1):
+                lost[:, i, j] = lost[:, j, i] = gather(lack * area[:, i] * along[:, j])
+        found[here] += _solved(self._matrix[here] - lost, side)
         return found
+
+
+def _solved(matrix: Array, side: Array) -> Array:
+    """Solutions (n, 3) of symmetric 3 x 3 systems by Cramer's rule."""
+    a, b, c = matrix[:, 0], matrix[:, 1], matrix[:, 2]
+    rows = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    return np.einsum("nij,nj->ni", rows, side) / np.einsum("ni,ni->n", a, rows[:, 0])[:, None]
 
 
 class CellMatrix:

@@ -20,6 +20,7 @@ from fem_tfm.models.unsteady.state import (
     Phase,
     Rates,
 )
+from fem_tfm.models.unsteady.weight import Weight
 from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
 
 # residual that ends the solver, over U in every cell
@@ -53,6 +54,8 @@ class Momenta:
         self.line, self.laws = line, laws
         # rises along the normals, for the weight of a phase [m/s2]
         self._weight = line.normal @ gravity
+        if laws.solids is not None:
+            self._solids_weight = Weight(line, gravity, laws.solids.density - laws.gas.density)
         self._area, self._skew = (
             np.ascontiguousarray(vectors[line.inner].T)
             for vectors in (line.cells.area, line.cells.skew)
@@ -68,8 +71,10 @@ class Momenta:
         self, at: Moment, levels: Levels, start: Moment, moved: Moved | None, rates: Rates
     ) -> list[Phase]:
         """Phases that step from `start`, the gas last, with coefficients of `at`."""
-        gas = self._gas(at, levels, start, moved)
-        return [gas] if moved is None else [self._solids(at, levels, start, moved, rates), gas]
+        if moved is None:
+            return [self._gas(at, levels, start, moved, np.ones(self.line.cells.faces))]
+        solids = self._solids(at, levels, start, moved, rates)
+        return [solids, self._gas(at, levels, start, moved, 1 - solids.share)]
 
     def _solids(
         self, at: Moment, levels: Levels, start: Moment, moved: Moved, rates: Rates
@@ -84,12 +89,15 @@ class Momenta:
             slip = laws.slip(at.u_s[edge], line.normal[wall])
             state = laws.wall_state(at.alpha, at.theta, grains, slip, edge)
             traction = laws.solids_friction(state) * line.cells.size[wall]
+        bearing = self._solids_weight.bear(at.alpha, moved.pressure)
+        # what a void lacks of the smallest fraction moves with the gas
+        absent = np.clip(1 - start.alpha / SMALLEST_FRACTION, 0.0, 1.0)[:, None]
         return Phase(
             name="solids",
             density=laws.solids.density,
             fraction=at.alpha,
             before=start.alpha,
-            velocity=start.u_s,
+            velocity=start.u_s + absent * (start.u_g - start.u_s),
             present=levels.now.u_s,
             flux=moved.flux,
             viscosity=mu,
@@ -97,9 +105,13 @@ class Momenta:
             gradient=rates.gradient,
             traction=traction,
             pressure=moved.pressure,
+            share=bearing.share,
+            bearing=bearing,
         )
 
-    def _gas(self, at: Moment, levels: Levels, start: Moment, moved: Moved | None) -> Phase:
+    def _gas(
+        self, at: Moment, levels: Levels, start: Moment, moved: Moved | None, share: Array
+    ) -> Phase:
         laws, line, cells = self.laws, self.line, self.line.cells
         gradient = cells.whole(cells.gradient(levels.now.u_g))
         void = 1 - at.alpha
@@ -130,6 +142,8 @@ class Momenta:
             gradient=gradient,
             traction=traction,
             pressure=None,
+            share=share,
+            bearing=None,
         )
 
     # -- forces --------------------------------------------------------------------------------
@@ -148,44 +162,27 @@ class Momenta:
         slope[line.outlet] = -at.p[cells.first[line.outlet]] * line.normal_slope[line.outlet]
         gaps, accelerated = [], []
         for phase in phases:
-            weights = None
-            if phase.pressure is not None:
-                share, weights = self._shares(phase)
-            else:
-                share = cells.mean(phase.fraction)
-            force = -share * slope
-            force += share * (phase.density - self.laws.gas.density) * self._weight
+            # a void has no weight
+            force = -phase.share * slope
+            force += phase.share * (phase.density - self.laws.gas.density) * self._weight
             if phase.pressure is not None:
                 p_s = phase.pressure
                 force[inner] -= (p_s[second] - p_s[first]) * line.normal_slope[inner]
             force *= line.open
             if phase.name == "solids" and feed.blocked:
                 force[line.outlet] = 0.0
-            mass = phase.density * np.maximum(share, SMALLEST_FRACTION)
-            vector = cells.whole(line.reconstruct.weighted(force / mass, weights))
-            average = cells.flux(vector) / cells.size
-            gaps.append(force - mass * average * line.open)
+            mass = phase.density * np.maximum(phase.share, SMALLEST_FRACTION)
+            if phase.bearing is None:
+                vector = cells.whole(line.reconstruct(force / mass))
+                average = mass * (cells.flux(vector) / cells.size)
+            else:
+                vector = cells.whole(line.reconstruct(force / mass, phase.bearing.counts))
+                held = np.maximum(phase.fraction, SMALLEST_FRACTION)
+                average = self._solids_weight.mean_force(phase.bearing, held, vector)
+                average *= phase.density
+            gaps.append(force - average * line.open)
             accelerated.append(vector)
         return gaps, accelerated
-
-    def _shares(self, phase: Phase):
-        """Fraction of the solids on faces."""
-        line, cells, inner = self.line, self.line.cells, self.line.inner
-        share = cells.mean(phase.fraction)
-        heavy = (phase.density - self.laws.gas.density) * self._weight[inner]
-        first, second = cells.first[inner], cells.second
-        steep = np.minimum(1.0, 5 * np.abs(self._weight[inner]) / 9.81)
-        weights = []
-        gain = np.zeros(cells.inner)
-        for cell, w, sign in ((first, cells.share, -1), (second, 1 - cells.share, 1)):
-            part = w * phase.fraction[cell]
-            need = np.abs(heavy) * part
-            missing = steep*np.maximum(0.0, 1 - phase.pressure[cell] * line.normal_slope[inner] / np.maximum(need, 1e-300))
-            up = heavy * sign > 0   # face above the cell
-            gain += np.where(up, -1.0, 1.0) * missing * part
-            weights.append(np.where(up, np.maximum(1 - missing,1e-8), 1.0))
-        share[inner] += gain
-        return share, weights
 
     def _stress(self, phase: Phase, gradient: Array) -> Array:
         """What the implicit difference leaves of the viscous force on the owned cells [N]."""

@@ -6,6 +6,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
+
 from fem_tfm.errors import SolverError
 from fem_tfm.solvers.cells import Array
 
@@ -156,6 +159,20 @@ class Moved:
 
 
 @dataclass(frozen=True)
+class Bearing:
+    """How faces bear the solids of their two cells.
+
+    share (faces) : solids fraction that they bear [-]
+    counts (inner) : how much a face counts for its first and for its second cell
+    moved : faces, cells and the fraction of them that interpolation lays elsewhere
+    """
+
+    share: Array
+    counts: tuple[Array, Array]
+    moved: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Array]
+
+
+@dataclass(frozen=True)
 class Phase:
     """One phase in a step; arrays over all cells unless said otherwise.
 
@@ -166,6 +183,8 @@ class Phase:
     viscosity, bulk : of the whole phase [Pa s]
     traction : friction of the faces of the wall [kg/s]
     pressure : p_s [Pa], None for the gas
+    share (faces) : fraction that faces bear
+    bearing : how faces bear the solids, None for the gas
     """
 
     name: str
@@ -180,3 +199,5 @@ class Phase:
     gradient: Array
     traction: Array
     pressure: Array | None
+    share: Array
+    bearing: Bearing | None
