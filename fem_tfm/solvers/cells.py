@@ -402,23 +402,22 @@ class Reconstruction:
         self._operator = sparse.csr_array(sparse.vstack(self._operator))
         self._cells = cells
 
-    def __call__(self, normal: Array, counts: Sequence[Array] | None = None) -> Array:
+    def __call__(
+        self, normal: Array, less: tuple[npt.NDArray, npt.NDArray, Array] | None = None
+    ) -> Array:
         """Vectors (owned, 3) from components along the area vectors (faces).
 
-        counts (inner) : c <= 1 for the first and for the second cell of each inner face
+        less : inner faces with c < 1, on which side, 0 for the first cell, and c
         """
         found = (self._operator @ normal).reshape(3, -1).T
-        if counts is None:
+        if less is None:
             return found
-        cells, faces, sides = self._cells, [], []
-        for cell, count in zip((cells.first[: cells.inner], cells.second), counts, strict=True):
-            less = np.flatnonzero((count < 1) & (cell < cells.owned))
-            faces.append(less)
-            sides.append((cell[less], 1 - count[less]))
-        face = np.concatenate(faces)
-        if not face.size:
+        cells, (face, side, count) = self._cells, less
+        cell = np.where(side, cells.second[face], cells.first[face])
+        ours = cell < cells.owned
+        if not ours.any():
             return found
-        cell, lack = (np.concatenate(part) for part in zip(*sides, strict=True))
+        face, cell, lack = face[ours], cell[ours], 1 - count[ours]
         here, place = np.unique(cell, return_inverse=True)
         area = cells.area[face]
         along = area / cells.size[face, None]
@@ -427,12 +426,12 @@ class Reconstruction:
         def gather(values: Array) -> Array:
             return np.bincount(place, values, here.size)
 
-        side = np.stack([gather(off * area[:, i]) for i in range(3)], axis=1)
+        rest = np.stack([gather(off * area[:, i]) for i in range(3)], axis=1)
         lost = np.empty((here.size, 3, 3))
         for i in range(3):
             for j in range(i + 1):
                 lost[:, i, j] = lost[:, j, i] = gather(lack * area[:, i] * along[:, j])
-        found[here] += _solved(self._matrix[here] - lost, side)
+        found[here] += _solved(self._matrix[here] - lost, rest)
         return found
 
 

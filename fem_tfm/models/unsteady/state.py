@@ -12,6 +12,8 @@ import numpy.typing as npt
 from fem_tfm.errors import SolverError
 from fem_tfm.solvers.cells import Array
 
+type Places = npt.NDArray[np.intp]
+
 # a phase that is not there moves as one of this fraction; a void has this granular temperature
 SMALLEST_FRACTION, SMALLEST_THETA = 1e-9, 1e-12
 # times that an equation is solved to find its slopes
@@ -163,13 +165,14 @@ class Bearing:
     """How faces bear the solids of their two cells.
 
     share (faces) : solids fraction that they bear [-]
-    counts (inner) : how much a face counts for its first and for its second cell
-    moved : faces, cells and the fraction of them that interpolation lays elsewhere
+    counts : faces that do not count in full for one of their cells, on which side it is, 0 for the
+        first cell, and how much they count
+    moved : faces, cells and the fraction of these that the faces bear beyond interpolation
     """
 
     share: Array
-    counts: tuple[Array, Array]
-    moved: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Array]
+    counts: tuple[Places, Places, Array]
+    moved: tuple[Places, Places, Array]
 
 
 @dataclass(frozen=True)
