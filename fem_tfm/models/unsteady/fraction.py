@@ -9,7 +9,7 @@ from fem_tfm.errors import SolverError
 from fem_tfm.models.unsteady.laws import CellLaws
 from fem_tfm.models.unsteady.levels import Levels
 from fem_tfm.models.unsteady.line import Line
-from fem_tfm.models.unsteady.state import SLOPES, Feed, Moved, Rates
+from fem_tfm.models.unsteady.state import LONELY_FRACTION, SLOPES, Feed, Moved, Rates
 from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
 
 # relative residual, change and iterations of Newton's method
@@ -162,7 +162,10 @@ class SolidsFraction:
         """What slopes in the cells add to the upwind fluxes, within the bounds of the fraction."""
         line, cells = self.line, self.line.cells
         gradient = cells.whole(cells.gradient(alpha))
-        found = levels.linear * line.beyond(moved, alpha, cells.mean(alpha)[line.inner], gradient)
+        # a surface is as sharp as its cells: no slope reaches over it into a void
+        void = cells.mean((alpha < LONELY_FRACTION).astype(float)) > 0
+        linear = np.where(void, 0.0, levels.linear)
+        found = linear * line.beyond(moved, alpha, cells.mean(alpha)[line.inner], gradient)
         held = levels.start.alpha[line.own] - cells.sum(levels.kept) / rate
         room = self.laws.solids.packing_limit - held
         return cells.within(found, MOST_OF_ROOM * rate * held, MOST_OF_ROOM * rate * room)
