@@ -148,6 +148,12 @@ class Momenta:
 
     # -- forces --------------------------------------------------------------------------------
 
+    def weight_of_solids(self, alpha: Array, p_s: Array) -> Array:
+        """Along the normals of the open faces that it rests on [N/m3] (collective)."""
+        share = self._solids_weight.bear(alpha, p_s).share
+        excess = self.laws.solids.density - self.laws.gas.density
+        return share * excess * self._weight * self.line.open
+
     def forces(
         self, at: Moment, phases: list[Phase], feed: Feed
     ) -> tuple[list[Array], list[Array]]:

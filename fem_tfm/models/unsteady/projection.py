@@ -45,13 +45,6 @@ class Projection:
         determinant = gas * solids + beta * (gas + solids)
         return (gas + beta) / determinant, beta / determinant, (solids + beta) / determinant
 
-    def pushed(self, response: Array, p_s: Array) -> Array:
-        """Volume flux that the pressure of the solids drives [m3/s]."""
-        cells, inner = self.line.cells, self.line.inner
-        found = np.zeros(cells.faces)
-        found[inner] = p_s[cells.first[inner]] - p_s[cells.second]
-        return response * cells.reach * found
-
     def project(
         self,
         at: Moment,
@@ -122,7 +115,9 @@ class Projection:
         found = replace(at, p=at.p + change, u_g=moved[-1], total=total)
         if len(phases) == 1:
             return found
-        pushed = self.pushed(response[0][0], phases[0].pressure)
+        p_s, pushed = phases[0].pressure, np.zeros(cells.faces)
+        pushed[inner] = -response[0][0][inner] * cells.reach[inner]
+        pushed[inner] *= p_s[cells.second] - p_s[cells.first[inner]]
         # a flux forgets what alternates from cell to cell, and must not be credited with it
         gained = cells.flux(moved[0] - at.u_s) / dt
         return replace(
