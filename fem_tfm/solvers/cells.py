@@ -452,7 +452,11 @@ class CellMatrix:
         self.cells, self.width = cells, width
         ours = cells.map.local_to_global(np.arange(cells.count, dtype=np.int32))
         first, second = cells.first[: cells.inner], cells.second
-        self._mine, self._yours = first < cells.owned, second < cells.owned
+        self._mine, self._yours = (
+            # a slice costs nothing where there are no ghosts
+            slice(None) if (cell < cells.owned).all() else np.flatnonzero(cell < cells.owned)
+            for cell in (first, second)
+        )
         rows, columns = [], []
         own = ours[: cells.owned]
         for i in range(width):

@@ -231,7 +231,8 @@ class Flow3D:
     def _report(self, found: Moment, dt: float, effort: dict[str, int], masses: Masses) -> Report:
         cells, own = self.cells, slice(0, self.cells.owned)
         for name in ("alpha", "theta", "p", "u_s", "u_g"):
-            if not np.isfinite(cells.largest(np.abs(getattr(found, name)[own]))):
+            # a sum is finite where all values are
+            if not np.isfinite(cells.total(getattr(found, name)[own])):
                 raise SolverError(f"{name} is not finite")
         return Report(
             effort,
@@ -247,8 +248,8 @@ class Flow3D:
 
     def _courant(self, at: Moment) -> tuple[float, float]:
         cells = self.cells
-        share = np.maximum(1 - cells.mean(at.alpha), SMALLEST_FRACTION)
-        gas = (at.total - cells.mean(at.alpha) * at.carried) / share
+        alpha = cells.mean(at.alpha)
+        gas = (at.total - alpha * at.carried) / np.maximum(1 - alpha, SMALLEST_FRACTION)
         rates = []
         for flux in (at.carried, gas):
             leaving = cells.sum_out(np.maximum(flux, 0.0), np.maximum(-flux, 0.0))

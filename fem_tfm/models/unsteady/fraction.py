@@ -81,7 +81,8 @@ class SolidsFraction:
         sound[: cells.owned] = (
             cells.add(ties) / rate * (stiff * alpha * (1 + w) ** 2)[: cells.owned]
         )
-        sound = np.max(cells.exchange(sound / limit)[np.stack([first, second])], axis=0)
+        sound = cells.exchange(sound / limit)
+        sound = np.maximum(sound.take(first), sound.take(second))
         flux = old.carried - old.pushed
         carried_on = np.maximum(sound / (1 + sound), levels.trust[inner])
         span = np.broadcast_to(levels.span_faces, cells.faces)[inner]
@@ -99,10 +100,11 @@ class SolidsFraction:
 
         def fluxes(alpha: Array, p_s: Array) -> Array:
             # upwind by what the pressure leaves of the flux: grains at rest do not creep
-            moved = flux[inner] - push * (p_s[second] - p_s[first])
-            ahead[inner], back[inner] = np.maximum(moved, 0.0), np.maximum(-moved, 0.0)
+            moved = flux[inner] - push * (p_s.take(second) - p_s.take(first))
+            np.maximum(moved, 0.0, out=ahead[inner])
+            np.subtract(ahead[inner], moved, out=back[inner])
             found = np.empty(cells.faces)
-            found[inner] = ahead[inner] * alpha[first] - back[inner] * alpha[second]
+            found[inner] = ahead[inner] * alpha.take(first) - back[inner] * alpha.take(second)
             found[edge] = ahead[edge] * alpha[self._edges]
             found[line.inlet] = entering
             return found + levels.kept
@@ -120,16 +122,19 @@ class SolidsFraction:
                 raise SolverError("the solids fraction is not finite")
             if worst < RESIDUAL:
                 break
+            if iteration > 1:
+                stiff = stiffness(w, p_s)
             slope = limit / (1 + w) ** 2
-            ties[inner] = upwind = push * np.where(ahead[inner] > 0, alpha[first], alpha[second])
+            forward = ahead[inner] > 0
+            ties[inner] = upwind = push * np.where(forward, alpha.take(first), alpha.take(second))
             diagonal = (rate + cells.sum_out(ahead, back)) * slope[: cells.owned]
             diagonal += cells.add(ties) * stiff[: cells.owned]
             self.matrix.set(
                 [diagonal],
                 [
                     (
-                        -back[inner] * slope[second] - upwind * stiff[second],
-                        -ahead[inner] * slope[first] - upwind * stiff[first],
+                        -back[inner] * slope.take(second) - upwind * stiff.take(second),
+                        -ahead[inner] * slope.take(first) - upwind * stiff.take(first),
                     )
                 ],
             )
@@ -143,7 +148,6 @@ class SolidsFraction:
             if cells.largest(np.abs(change) * slope[: cells.owned]) < CHANGE:
                 through = fluxes(alpha, p_s) + beyond
                 break
-            stiff = stiffness(w, p_s)
         else:
             raise SolverError("Newton's method of the solids fraction does not converge")
         alpha = old.alpha[: cells.owned] - cells.sum(through) / rate + dt * added
