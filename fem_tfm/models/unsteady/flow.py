@@ -162,10 +162,10 @@ class Flow3D:
             response = old.response
             if not self.steps:
                 response = self.projection.response(old.alpha, self._drag(old), dt)[0]
-                # the pressure of the solids acts from the first step on: their weight must too
+                # the pressure of the solids acts from the first step on: what it bears must too
                 p_s = self.laws.solids_pressure(old.alpha, old.theta, rates)
-                falling = response * cells.size * self.momenta.weight_of_solids(old.alpha, p_s)
-                levels = replace(levels, start=replace(start, carried=start.carried + falling))
+                borne = response * cells.size * self.momenta.weight_borne(old.alpha, p_s)
+                levels = replace(levels, start=replace(start, carried=start.carried + borne))
             moved = self.fraction.move(levels, response, rates, dt, feed, effort)
             if self.past is not None:
                 lost = cells.sum(moved.flux) / self.line.volume - feed.inside.solids

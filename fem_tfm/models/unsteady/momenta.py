@@ -148,11 +148,14 @@ class Momenta:
 
     # -- forces --------------------------------------------------------------------------------
 
-    def weight_of_solids(self, alpha: Array, p_s: Array) -> Array:
-        """Along the normals of the open faces that it rests on [N/m3] (collective)."""
+    def weight_borne(self, alpha: Array, p_s: Array) -> Array:
+        """Weight of the solids along normals, no more than p_s bears [N/m3] (collective)."""
+        line, cells, inner = self.line, self.line.cells, self.line.inner
         share = self._solids_weight.bear(alpha, p_s).share
-        excess = self.laws.solids.density - self.laws.gas.density
-        return share * excess * self._weight * self.line.open
+        weight = share * (self.laws.solids.density - self.laws.gas.density) * self._weight
+        rise = np.zeros(cells.faces)
+        rise[inner] = (p_s[cells.second] - p_s[cells.first[inner]]) * line.normal_slope[inner]
+        return np.clip(weight, np.minimum(rise, 0.0), np.maximum(rise, 0.0))
 
     def forces(
         self, at: Moment, phases: list[Phase], feed: Feed
