@@ -158,6 +158,8 @@ def picture(path: Path, measures: Sequence[Measure], wanted: Found, wall: str) -
                 axes.annotate(f" {m.cells}", (m.cpu_seconds, value), fontsize=7, color="#666666")
         axes.grid(color="#dddddd", linewidth=0.6, which="both")
         axes.spines[["top", "right"]].set_visible(False)
+        # room for the numbers beside the points
+        axes.margins(x=0.15)
         axes.set_xlabel("CPU time [s]")
         axes.set_ylabel(f"relative error of the {name}")
     panels[0].legend(frameon=False, fontsize=8)

@@ -169,6 +169,10 @@ class Flow3D:
             response = old.response
             if not self.steps:
                 response = self.projection.response(old.alpha, self._drag(old), dt)[0]
+                # the pressure of the solids acts from the first step on: what it bears must too
+                p_s = self.laws.solids_pressure(old.alpha, old.theta, rates)
+                borne = response * cells.size * self.momenta.weight_borne(old.alpha, p_s)
+                levels = replace(levels, start=replace(start, carried=start.carried + borne))
             moved = self.fraction.move(levels, response, rates, dt, feed, effort, stirred)
             if self.past is not None:
                 lost = cells.sum(moved.flux) / self.line.volume - feed.inside.solids
@@ -238,7 +242,8 @@ class Flow3D:
         cells, own = self.cells, slice(0, self.cells.owned)
         values = {name: getattr(found, name) for name in OF_CELLS} | dict(found.scales)
         for name, value in values.items():
-            if not np.isfinite(cells.largest(np.abs(value[own]))):
+            # a sum is finite where all values are
+            if not np.isfinite(cells.total(value[own])):
                 raise SolverError(f"{name} is not finite")
         return Report(
             effort,
@@ -255,8 +260,8 @@ class Flow3D:
 
     def _courant(self, at: Moment) -> tuple[float, float]:
         cells = self.cells
-        share = np.maximum(1 - cells.mean(at.alpha), SMALLEST_FRACTION)
-        gas = (at.total - cells.mean(at.alpha) * at.carried) / share
+        alpha = cells.mean(at.alpha)
+        gas = (at.total - alpha * at.carried) / np.maximum(1 - alpha, SMALLEST_FRACTION)
         rates = []
         for flux in (at.carried, gas):
             leaving = cells.sum_out(np.maximum(flux, 0.0), np.maximum(-flux, 0.0))

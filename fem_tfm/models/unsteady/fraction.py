@@ -9,7 +9,7 @@ from fem_tfm.errors import SolverError
 from fem_tfm.models.unsteady.laws import CellLaws
 from fem_tfm.models.unsteady.levels import Levels
 from fem_tfm.models.unsteady.line import Line
-from fem_tfm.models.unsteady.state import SLOPES, Feed, Moved, Rates, Stirred
+from fem_tfm.models.unsteady.state import LONELY_FRACTION, SLOPES, Feed, Moved, Rates, Stirred
 from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
 
 # relative residual, change and iterations of Newton's method
@@ -88,7 +88,8 @@ class SolidsFraction:
         sound[: cells.owned] = (
             cells.add(ties) / rate * (stiff * alpha * (1 + w) ** 2)[: cells.owned]
         )
-        sound = np.max(cells.exchange(sound / limit)[np.stack([first, second])], axis=0)
+        sound = cells.exchange(sound / limit)
+        sound = np.maximum(sound.take(first), sound.take(second))
         flux = old.carried - old.pushed
         # what spreads further than a cell in a step is not carried on either
         wide = np.zeros(cells.count)
@@ -113,11 +114,12 @@ class SolidsFraction:
 
         def fluxes(alpha: Array, p_s: Array) -> Array:
             # upwind by what the pressure leaves of the flux: grains at rest do not creep
-            moved = flux[inner] - push * (p_s[second] - p_s[first])
-            moved -= spread[inner] * (alpha[second] - alpha[first])
-            ahead[inner], back[inner] = np.maximum(moved, 0.0), np.maximum(-moved, 0.0)
+            moved = flux[inner] - push * (p_s.take(second) - p_s.take(first))
+            moved -= spread[inner] * (alpha.take(second) - alpha.take(first))
+            np.maximum(moved, 0.0, out=ahead[inner])
+            np.subtract(ahead[inner], moved, out=back[inner])
             found = np.empty(cells.faces)
-            found[inner] = ahead[inner] * alpha[first] - back[inner] * alpha[second]
+            found[inner] = ahead[inner] * alpha.take(first) - back[inner] * alpha.take(second)
             found[edge] = ahead[edge] * alpha[self._edges]
             found[line.inlet] = entering
             return found + levels.kept
@@ -135,8 +137,11 @@ class SolidsFraction:
                 raise SolverError("the solids fraction is not finite")
             if worst < RESIDUAL:
                 break
+            if iteration > 1:
+                stiff = stiffness(w, p_s)
             slope = limit / (1 + w) ** 2
-            upwind = np.where(ahead[inner] > 0, alpha[first], alpha[second])
+            forward = ahead[inner] > 0
+            upwind = np.where(forward, alpha.take(first), alpha.take(second))
             ties[inner] = spread[inner] * upwind
             diagonal = (rate + cells.sum_out(ahead, back) + cells.add(ties)) * slope[: cells.owned]
             wider = ties[inner].copy()
@@ -146,8 +151,8 @@ class SolidsFraction:
                 [diagonal],
                 [
                     (
-                        -(back[inner] + wider) * slope[second] - upwind * stiff[second],
-                        -(ahead[inner] + wider) * slope[first] - upwind * stiff[first],
+                        -(back[inner] + wider) * slope.take(second) - upwind * stiff.take(second),
+                        -(ahead[inner] + wider) * slope.take(first) - upwind * stiff.take(first),
                     )
                 ],
             )
@@ -161,7 +166,6 @@ class SolidsFraction:
             if cells.largest(np.abs(change) * slope[: cells.owned]) < CHANGE:
                 through = fluxes(alpha, p_s) + beyond
                 break
-            stiff = stiffness(w, p_s)
         else:
             raise SolverError("Newton's method of the solids fraction does not converge")
         alpha = old.alpha[: cells.owned] - cells.sum(through) / rate + dt * added
@@ -193,7 +197,10 @@ class SolidsFraction:
         """What slopes in the cells add to the upwind fluxes, within the bounds of the fraction."""
         line, cells = self.line, self.line.cells
         gradient = cells.whole(cells.gradient(alpha))
-        found = levels.linear * line.beyond(moved, alpha, cells.mean(alpha)[line.inner], gradient)
+        # a surface is as sharp as its cells: no slope reaches over it into a void
+        void = cells.mean((alpha < LONELY_FRACTION).astype(float)) > 0
+        linear = np.where(void, 0.0, levels.linear)
+        found = linear * line.beyond(moved, alpha, cells.mean(alpha)[line.inner], gradient)
         held = levels.start.alpha[line.own] - cells.sum(levels.kept) / rate
         room = self.laws.solids.packing_limit - held
         return cells.within(found, MOST_OF_ROOM * rate * held, MOST_OF_ROOM * rate * room)

@@ -21,6 +21,7 @@ from fem_tfm.models.unsteady.state import (
     Rates,
     Stirred,
 )
+from fem_tfm.models.unsteady.weight import Weight
 from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
 
 # residual that ends the solver, over U in every cell
@@ -54,6 +55,8 @@ class Momenta:
         self.line, self.laws = line, laws
         # rises along the normals, for the weight of a phase [m/s2]
         self._weight = line.normal @ gravity
+        if laws.solids is not None:
+            self._solids_weight = Weight(line, gravity, laws.solids.density - laws.gas.density)
         self._area, self._skew = (
             np.ascontiguousarray(vectors[line.inner].T)
             for vectors in (line.cells.area, line.cells.skew)
@@ -76,10 +79,11 @@ class Momenta:
 
         stirred : what turbulence does, None where an algebraic law of the gas is all
         """
-        gas = self._gas(at, levels, start, moved, stirred)
         if moved is None:
-            return [gas]
+            alone = np.ones(self.line.cells.faces)
+            return [self._gas(at, levels, start, moved, alone, stirred)]
         solids = self._solids(at, levels, start, moved, rates, stirred)
+        gas = self._gas(at, levels, start, moved, 1 - solids.share, stirred)
         if stirred is None or stirred.dispersion is None:
             return [solids, gas]
         force = self._dispersed(at, stirred)
@@ -114,12 +118,15 @@ class Momenta:
             slip = laws.slip(at.u_s[edge], line.normal[wall])
             state = laws.wall_state(at.alpha, at.theta, grains, slip, edge)
             traction = laws.solids_friction(state) * line.cells.size[wall]
+        bearing = self._solids_weight.bear(at.alpha, moved.pressure)
+        # what a void lacks of the smallest fraction moves with the gas
+        absent = np.clip(1 - start.alpha / SMALLEST_FRACTION, 0.0, 1.0)[:, None]
         return Phase(
             name="solids",
             density=laws.solids.density,
             fraction=at.alpha,
             before=start.alpha,
-            velocity=start.u_s,
+            velocity=start.u_s + absent * (start.u_g - start.u_s),
             present=levels.now.u_s,
             flux=moved.flux,
             viscosity=mu,
@@ -127,6 +134,8 @@ class Momenta:
             gradient=rates.gradient,
             traction=traction,
             pressure=moved.pressure,
+            share=bearing.share,
+            bearing=bearing,
         )
 
     def _gas(
@@ -135,6 +144,7 @@ class Momenta:
         levels: Levels,
         start: Moment,
         moved: Moved | None,
+        share: Array,
         stirred: Stirred | None,
     ) -> Phase:
         laws, line, cells = self.laws, self.line, self.line.cells
@@ -181,6 +191,8 @@ class Momenta:
             gradient=gradient,
             traction=traction,
             pressure=eddies,
+            share=share,
+            bearing=None,
             steeper=steeper,
         )
 
@@ -201,6 +213,15 @@ class Momenta:
 
     # -- forces --------------------------------------------------------------------------------
 
+    def weight_borne(self, alpha: Array, p_s: Array) -> Array:
+        """Weight of the solids along normals, no more than p_s bears [N/m3] (collective)."""
+        line, cells, inner = self.line, self.line.cells, self.line.inner
+        share = self._solids_weight.bear(alpha, p_s).share
+        weight = share * (self.laws.solids.density - self.laws.gas.density) * self._weight
+        rise = np.zeros(cells.faces)
+        rise[inner] = (p_s[cells.second] - p_s[cells.first[inner]]) * line.normal_slope[inner]
+        return np.clip(weight, np.minimum(rise, 0.0), np.maximum(rise, 0.0))
+
     def forces(
         self, at: Moment, phases: list[Phase], feed: Feed
     ) -> tuple[list[Array], list[Array]]:
@@ -215,9 +236,9 @@ class Momenta:
         slope[line.outlet] = -at.p[cells.first[line.outlet]] * line.normal_slope[line.outlet]
         gaps, accelerated = [], []
         for phase in phases:
-            share = np.maximum(cells.mean(phase.fraction), SMALLEST_FRACTION)
-            force = -share * slope
-            force += share * (phase.density - self.laws.gas.density) * self._weight
+            # a void has no weight
+            force = -phase.share * slope
+            force += phase.share * (phase.density - self.laws.gas.density) * self._weight
             if phase.pressure is not None:
                 p_s = phase.pressure
                 force[inner] -= (p_s[second] - p_s[first]) * line.normal_slope[inner]
@@ -226,10 +247,16 @@ class Momenta:
             force *= line.open
             if phase.name == "solids" and feed.blocked:
                 force[line.outlet] = 0.0
-            mass = phase.density * share
-            vector = cells.whole(line.reconstruct(force / mass))
-            average = cells.flux(vector) / cells.size
-            gaps.append(force - mass * average * line.open)
+            mass = phase.density * np.maximum(phase.share, SMALLEST_FRACTION)
+            if phase.bearing is None:
+                vector = cells.whole(line.reconstruct(force / mass))
+                average = mass * (cells.flux(vector) / cells.size)
+            else:
+                vector = cells.whole(line.reconstruct(force / mass, phase.bearing.counts))
+                held = np.maximum(phase.fraction, SMALLEST_FRACTION)
+                average = self._solids_weight.mean_force(phase.bearing, held, vector)
+                average *= phase.density
+            gaps.append(force - average * line.open)
             accelerated.append(vector)
         return gaps, accelerated
 

@@ -6,8 +6,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+import numpy.typing as npt
+
 from fem_tfm.errors import SolverError
 from fem_tfm.solvers.cells import Array
+
+type Places = npt.NDArray[np.intp]
 
 # a phase that is not there moves as one of this fraction; a void has this granular temperature
 SMALLEST_FRACTION, SMALLEST_THETA = 1e-9, 1e-12
@@ -186,6 +191,21 @@ class Stirred:
 
 
 @dataclass(frozen=True)
+class Bearing:
+    """How faces bear the solids of their two cells.
+
+    share (faces) : solids fraction that they bear [-]
+    counts : faces that do not count in full for one of their cells, on which side it is, 0 for the
+        first cell, and how much they count
+    moved : faces, cells and the fraction of these that the faces bear beyond interpolation
+    """
+
+    share: Array
+    counts: tuple[Places, Places, Array]
+    moved: tuple[Places, Places, Array]
+
+
+@dataclass(frozen=True)
 class Phase:
     """One phase in a step; arrays over all cells unless said otherwise.
 
@@ -196,6 +216,8 @@ class Phase:
     viscosity, bulk : of the whole phase [Pa s]
     traction : friction of the faces of the wall [kg/s]
     pressure : p_s, or that of the gas's eddies [Pa]; None where the phase has none of its own
+    share (faces) : fraction that faces bear
+    bearing : how faces bear the solids, None for the gas
     dispersed : force by which eddies spread the solids, along normals of faces [N/m3], or None
     steeper (faces) : how much more than viscosity the stress grows with the shear [kg/s], or None
     """
@@ -212,5 +234,7 @@ class Phase:
     gradient: Array
     traction: Array
     pressure: Array | None
+    share: Array
+    bearing: Bearing | None
     dispersed: Array | None = None
     steeper: Array | None = None
