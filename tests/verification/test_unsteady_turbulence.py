@@ -68,7 +68,7 @@ def test_turbulence_decays_as_its_power_law(dt: float) -> None:
 def test_shear_makes_what_the_laws_say() -> None:
     """Rates of k and eps in u = S y: (C_mu S^2 k/eps - eps/k) and (1.44 ... - 1.92 ...)."""
     found = flow(
-        box((10.0, 10.0, 10.0), (3, 3, 3), "ssssss"), {"closures.turbulence": "k-epsilon"}, True
+        box((10.0, 10.0, 10.0), (3, 3, 3), "sswwss"), {"closures.turbulence": "k-epsilon"}, True
     )
     k, eps, shear, many = 1.0, 10.0, 20.0, found.cells.count
     u_g = np.zeros((many, 3))
@@ -165,7 +165,7 @@ def test_a_resolved_wall_needs_no_function(reynolds: float) -> None:
     assert f == pytest.approx(prandtl_karman(reynolds), rel=0.1)
     speed, size = found.case.operation.gas_superficial_velocity, found.case.geometry.diameter
     u_tau = speed * math.sqrt(f / 8)
-    y_plus = owned(found, found.line.distance) * u_tau * reynolds / (speed * size)
+    y_plus = owned(found, found.line.gas_profile[0]) * u_tau * reynolds / (speed * size)
     u_plus = owned(found, found.now.u_g)[:, 2] / u_tau
     far = (z > 0.2) & (z < 0.24)
     low, high = far & (y_plus < 3), far & (y_plus > 30) & (y_plus < 0.2 * reynolds / 50)
