@@ -203,13 +203,12 @@ class Momenta:
         what the stress makes it, and where inertia does not hold S it swings for ever. As much
         again in the matrix, less what that adds at the velocities before, is Newton's step.
         """
-        cells, inner = self.line.cells, self.line.inner
-        eddy = np.maximum(viscosity - void * self.laws.gas.viscosity, 0.0)
-        found = np.zeros(cells.faces)
-        eddy = (cells.mean(eddy) * cells.reach)[inner]
-        inertia = cells.mean(void * self.laws.gas.density * cells.volume) / levels.span_faces
-        found[inner] = eddy**2 / (eddy + inertia[inner])
-        return found
+        cells, gas = self.line.cells, self.laws.gas
+        eddy = np.maximum(viscosity - void * gas.viscosity, 0.0)
+        eddy = cells.mean(eddy) * cells.reach
+        eddy[cells.inner :] = 0.0
+        inertia = cells.mean(void * gas.density * cells.volume) / levels.span_faces
+        return eddy**2 / (eddy + inertia)
 
     # -- forces --------------------------------------------------------------------------------
 
@@ -260,7 +259,7 @@ class Momenta:
             accelerated.append(vector)
         return gaps, accelerated
 
-    def _stress(self, phase: Phase, gradient: Array) -> Array:
+    def _stress(self, phase: Phase, velocity: Array, gradient: Array) -> Array:
         """What the implicit difference leaves of the viscous force on the owned cells [N]."""
         cells, inner = self.line.cells, self.line.inner
         # one array for each component, which is several times as fast as one of tensors
@@ -274,6 +273,9 @@ class Momenta:
                 rate[3 * j + i] * self._area[j] + rate[3 * i + j] * self._skew[j] for j in range(3)
             )
             force[inner, i] = mu * turned + trace * self._area[i]
+        if phase.steeper is not None:
+            rise = velocity.take(cells.first[inner], axis=0) - velocity.take(cells.second, axis=0)
+            force[inner] += phase.steeper[inner, None] * rise
         return cells.sum(force)
 
     # -- the linear system ---------------------------------------------------------------------
@@ -359,13 +361,7 @@ class Momenta:
 
     def _lagging(self, phase: Phase, velocity: Array, gradient: Array, levels: Levels) -> Array:
         """Force on the owned cells that the matrix does not hold, of a known velocity [N]."""
-        line, found = self.line, self._stress(phase, gradient)
-        cells, inner = line.cells, line.inner
-        if phase.steeper is not None:
-            known = np.zeros((cells.faces, 3))
-            rise = velocity[cells.first[inner]] - velocity[cells.second]
-            known[inner] = phase.steeper[inner, None] * rise
-            found = found + cells.sum(known)
+        line, found = self.line, self._stress(phase, velocity, gradient)
         if not line.order:
             return found
         flux = levels.linear * phase.density * phase.flux
