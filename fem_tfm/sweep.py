@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """A case solved for every combination of varied values: one table and one picture.
 
-The points are visited in an order in which neighbours differ in one value. Where only numbers
-change, the next point goes on from the state of the last one, on its last two meshes and with its
-compiled forms. Where the mesh, the laws or the kind of feed changes it starts cold.
+The points are visited in an order in which neighbours differ in one value and numbers rise or fall
+step by step, however they are given. Where only numbers change, the next point goes on from the
+state of the last one, on its last two meshes and with its compiled forms. Where the mesh, the laws
+or the kind of feed changes it starts cold.
 """
 
 from __future__ import annotations
@@ -94,7 +95,7 @@ def run(case: Case, vary: Mapping[str, Sequence[Any]], out: Path, jobs: int = 1)
     points = [Point(i, values) for i, values in enumerate(combinations(vary))]
     for point in points:
         case.with_values(point.values)
-    route = [points[i] for i in tour([len(values) for values in vary.values()])]
+    route = [points[i] for i in tour([in_line(values) for values in vary.values()])]
     parts = chunks(route, jobs)
     began = time.perf_counter()
     solved = _in_processes(case, parts) if len(parts) > 1 else list(told(solve(case, route)))
@@ -115,12 +116,28 @@ def combinations(vary: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
     return found
 
 
-def tour(lengths: Sequence[int]) -> list[int]:
-    """Numbers of the combinations in boustrophedon order: each differs from the last in one key."""
+def in_line(values: Sequence[Any]) -> list[int]:
+    """Places of numbers in rising or falling order, of other values as they are given.
+
+    The end that is nearer to the first of them comes first.
+    """
+    places = list(range(len(values)))
+    if any(isinstance(value, bool) or not isinstance(value, int | float) for value in values):
+        return places
+    places.sort(key=values.__getitem__)
+    return places[::-1] if places.index(0) > len(places) // 2 else places
+
+
+def tour(axes: Sequence[Sequence[int]]) -> list[int]:
+    """Numbers of the combinations in boustrophedon order: each differs from the last in one key.
+
+    axes : places of the values of each key in the order in which they are visited
+    """
     order = [0]
-    for length in lengths:
-        rows = (range(length) if k % 2 == 0 else reversed(range(length)) for k in range(len(order)))
-        order = [i * length + j for i, row in zip(order, rows, strict=True) for j in row]
+    for axis in axes:
+        rows = (axis if k % 2 == 0 else reversed(axis) for k in range(len(order)))
+        pairs = zip(order, rows, strict=True)
+        order = [i * len(axis) + j for i, row in pairs for j in row]
     return order
 
 

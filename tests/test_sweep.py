@@ -39,12 +39,22 @@ def table(out: Path) -> list[dict[str, str]]:
 
 @pytest.mark.parametrize("lengths", [(5,), (2, 3), (3, 2, 4), (1, 1)])
 def test_the_tour_visits_all_and_changes_one_value_at_a_time(lengths: tuple[int, ...]) -> None:
-    vary = {str(k): list(range(n)) for k, n in enumerate(lengths)}
+    # 1, 0, 3, 2, ...: neighbours in number are not so in place
+    vary = {str(k): sorted(range(n), key=lambda i: i ^ 1) for k, n in enumerate(lengths)}
     found = sweep.combinations(vary)
-    order = sweep.tour(lengths)
+    order = sweep.tour([sweep.in_line(values) for values in vary.values()])
     assert sorted(order) == list(range(len(found)))
     for a, b in itertools.pairwise(order):
         assert sum(abs(found[a][key] - found[b][key]) for key in vary) == 1
+
+
+def test_names_are_visited_as_they_are_given() -> None:
+    assert sweep.in_line(["wen-yu", "ergun"]) == sweep.in_line([True, False]) == [0, 1]
+
+
+def test_numbers_are_visited_from_the_end_next_to_the_first() -> None:
+    assert sweep.in_line([2, 1.5, 3, 4]) == [1, 0, 2, 3]
+    assert sweep.in_line([3, 1.5, 2]) == [0, 2, 1]
 
 
 def test_chunks_keep_the_route_and_share_it_evenly() -> None:

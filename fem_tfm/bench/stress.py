@@ -218,7 +218,8 @@ def solve(case: Case, number: int = 0) -> Outcome:
         dense.checked_balances(solution.section)
         found, errors = dense.estimated(solution, case.geometry.length)
         gradient, mesh_terms = found["pressure_gradient"], solution.section.mesh_terms
-        error_estimate = errors["pressure_gradient"]
+        if errors["pressure_gradient"] is not None:
+            error_estimate = errors["pressure_gradient"]
     except SolverError as error:
         reason = str(error)
     except (ArithmeticError, RuntimeError, ValueError) as error:
