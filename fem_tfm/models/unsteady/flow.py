@@ -14,9 +14,12 @@ from fem_tfm.case import Case
 from fem_tfm.errors import SolverError
 from fem_tfm.mesh import Mesh
 from fem_tfm.models.unsteady.agitation import Agitation
+from fem_tfm.models.unsteady.compression import IdealGas, Thickness, held
 from fem_tfm.models.unsteady.fraction import SolidsFraction
 from fem_tfm.models.unsteady.laws import CellLaws
 from fem_tfm.models.unsteady.levels import (
+    GAS_OF_CELLS,
+    GAS_OF_FACES,
     PAST_OF_CELLS,
     PAST_OF_FACES,
     Levels,
@@ -56,6 +59,7 @@ class Flow3D:
     ----------
     line, laws : mesh and coefficients
     fraction, agitation, momenta, projection : parts of a step; the first two only with solids
+    ideal : the gas, None where its density is constant
     now, past : state, and what a step of second order takes from the one before it
     """
 
@@ -68,8 +72,10 @@ class Flow3D:
             scalar = CellMatrix(self.cells)
             self.fraction = SolidsFraction(self.line, self.laws, scalar)
             self.agitation = Agitation(case, self.line, self.laws, scalar)
-        self.momenta = Momenta(self.line, self.laws, np.array(case.gravity_vector))
-        self.projection = Projection(self.line, self.laws)
+        self.ideal = IdealGas(case, self.line) if case.gas.compressible else None
+        lifted = self.ideal.lifted if self.ideal else self.gas.density
+        self.momenta = Momenta(self.line, self.laws, np.array(case.gravity_vector), lifted)
+        self.projection = Projection(self.line, self.laws, case.gas.compressible)
         self._functions: dict[str, fem.Function] = {}
         self.start()
 
@@ -113,8 +119,13 @@ class Flow3D:
 
     def _count_masses(self) -> None:
         solids = self.cells.total(self.now.alpha[: self.cells.owned] * self.line.volume)
-        room = self.cells.total(self.line.volume)
-        self.masses = Masses(solids=solids, gas=room - solids)
+        self.masses = Masses(solids=solids, gas=self._gas_held(self.now, solids))
+
+    def _gas_held(self, at: Moment, solids: float) -> float:
+        """Gas in the line beside solids, at the density of the case [m3]."""
+        if self.ideal is None:
+            return self.cells.total(self.line.volume) - solids
+        return self.cells.total(held(self.ideal, at, self.line.volume))
 
     # -- the step ------------------------------------------------------------------------------
 
@@ -148,7 +159,10 @@ class Flow3D:
         limit = 1.0 if self.solids is None else self.solids.packing_limit
         if self.past is None:
             return euler(self.line, self.now, dt, limit)
-        return second_order(self.line, self.now, self.past, dt, limit, feed)
+        gas = 1.0, 1.0
+        if self.ideal:
+            gas = self.ideal.relative(self.now.p), self.ideal.relative(self.past.p)
+        return second_order(self.line, self.now, self.past, dt, limit, feed, gas)
 
     def _step(
         self, levels: Levels, dt: float, feed: Feed
@@ -156,33 +170,51 @@ class Flow3D:
         old, start, span = levels.expected, levels.start, levels.span_faces
         cells, effort = self.cells, {}
         moved, rates, beta = None, None, np.zeros(cells.count)
-        at = old
+        at, compressed = old, None
+        thickness = self.ideal.foresee(levels, dt) if self.ideal else None
         if self.solids is not None:
             rates = self._expected_rates(levels)
             response = old.response
             if not self.steps:
-                response = self.projection.response(old.alpha, self._drag(old), dt)[0]
+                density = self.gas.density
+                if thickness:
+                    density = density * cells.mean(thickness.now)
+                drag = self._drag(old, thickness)
+                response = self.projection.response(old.alpha, drag, dt, density)[0]
             moved = self.fraction.move(levels, response, rates, dt, feed, effort)
             if self.past is not None:
                 lost = cells.sum(moved.flux) / self.line.volume - feed.inside.solids
                 before = moved.alpha[: cells.owned] + levels.span * lost
                 start = replace(start, alpha=cells.whole(np.clip(before, 0.0, 1.0)))
             at = replace(old, alpha=moved.alpha)
-            beta = self._drag(at)
+            beta = self._drag(at, thickness)
             theta = self.agitation.warm(at, beta, levels, start, moved, rates, feed, effort)
             at = replace(at, theta=theta)
-        phases = self.momenta.phases(at, levels, start, moved, rates)
+        if self.ideal:
+            compressed = self.ideal.compress(thickness, levels, moved, dt, feed)
+        phases = self.momenta.phases(at, levels, start, moved, rates, compressed)
         gaps, accelerated = self.momenta.forces(at, phases, feed)
         guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort)
         at = replace(at, u_s=start.u_s)
-        found = self.projection.project(at, phases, beta, guess, gaps, span, feed, effort)
+        found = self.projection.project(
+            at, phases, beta, guess, gaps, span, feed, effort, compressed
+        )
         passed, added = np.zeros(cells.faces), np.zeros(cells.owned)
         if moved is not None:
             passed, added = moved.passed, moved.added
-        masses = self._balance(found, passed, added, feed, dt)
+        volume = self.line.volume
+        if compressed is None:
+            grown = (feed.inside.solids + feed.inside.gas) * volume
+            gas = found.total - passed, grown - added * volume
+        else:
+            self._check_density(found)
+            gas = compressed.passed(found.total), compressed.fed * volume
+        masses = self._balance((passed, added * volume), gas, dt)
         past = None
         if self.line.order:
             past = Past.of(self.now, dt, passed, cells.whole(added))
+            if self.ideal:
+                past = replace(past, gas=gas[0], fed=cells.whole(compressed.fed))
         return found, past, self._report(found, dt, effort, masses), masses
 
     def rates(self, at: Moment | Past) -> Rates:
@@ -203,21 +235,25 @@ class Flow3D:
         shear = levels.grown(found.shear, self.rates(levels.past).shear)
         return replace(found, shear=shear)
 
-    def _drag(self, at: Moment) -> Array:
-        return self.laws.drag(at.alpha, at.u_g - at.u_s)
+    def _drag(self, at: Moment, thickness: Thickness | None) -> Array:
+        laws = self.laws.of(thickness.later) if thickness else self.laws
+        return laws.drag(at.alpha, at.u_g - at.u_s)
 
     # -- what others read ----------------------------------------------------------------------
 
-    def _balance(self, found: Moment, passed: Array, added: Array, feed: Feed, dt: float) -> Masses:
-        """Masses with what this step has carried over the boundary and put into cells."""
+    def _check_density(self, found: Moment) -> None:
+        density = self.ideal.relative(found.p)[: self.cells.owned]
+        if not self.cells.largest(-density) < 0:
+            raise SolverError("the density of the gas is not positive")
+
+    def _balance(
+        self, solids: tuple[Array, Array], gas: tuple[Array, Array], dt: float
+    ) -> Masses:
+        """Masses with what has passed faces in a step and what was put into cells [m3/s]."""
         cells, edge = self.cells, slice(self.cells.inner, None)
-        volume = self.line.volume
-        grown = (feed.inside.solids + feed.inside.gas) * volume
         gained = {}
-        for name, flux, inside in (
-            ("solids", passed[edge], added * volume),
-            ("gas", (found.total - passed)[edge], grown - added * volume),
-        ):
+        for name, (passed, inside) in (("solids", solids), ("gas", gas)):
+            flux = passed[edge]
             entered = cells.total(np.maximum(-flux, 0.0)) + cells.total(np.maximum(inside, 0.0))
             net = cells.total(inside) - cells.total(flux)
             gained[f"{name}_in"] = getattr(self.masses, f"{name}_in") + dt * entered
@@ -252,10 +288,9 @@ class Flow3D:
         return rates[0], rates[1]
 
     def _errors(self, at: Moment, masses: Masses) -> dict[str, float]:
-        held = self.cells.total(at.alpha[: self.cells.owned] * self.line.volume)
-        room = self.cells.total(self.line.volume)
+        solids = self.cells.total(at.alpha[: self.cells.owned] * self.line.volume)
         found = {}
-        for name, now in (("solids", held), ("gas", room - held)):
+        for name, now in (("solids", solids), ("gas", self._gas_held(at, solids))):
             start, entered = getattr(masses, name), getattr(masses, f"{name}_in")
             missing = now - start - getattr(masses, f"{name}_net")
             found[f"{name}_mass"] = abs(missing) / max(start + entered, 1e-300)
@@ -277,7 +312,8 @@ class Flow3D:
         drop = cells.total(now.p[entry] * size) / area
         factor = self.mesh.geometry.area_factor
         leaving = cells.mean(now.alpha)[self.line.outlet] * now.carried[self.line.outlet]
-        gas = cells.total(now.total[self.line.outlet] - leaving)
+        gas = now.total[self.line.outlet] - leaving
+        gas = cells.total(gas * self.ideal.at_outlet if self.ideal else gas)
         room = cells.total(self.line.volume)
         found = {
             "pressure_gradient": drop / self.mesh.length,
@@ -303,14 +339,22 @@ class Flow3D:
         found = {name: getattr(self.now, name)[own].copy() for name in OF_CELLS}
         for name, directed in OF_FACES.items():
             found[name] = cells.to_sides(getattr(self.now, name), directed)
+        of_cells, of_faces = self._names_of_past
         if self.past is not None:
-            for name in PAST_OF_CELLS:
+            for name in of_cells:
                 found[f"before_{name}"] = getattr(self.past, name)[own].copy()
-            for name in PAST_OF_FACES:
+            for name in of_faces:
                 found[f"before_{name}"] = cells.to_sides(getattr(self.past, name))
             found["before_dt"] = np.array(self.past.dt)
         found["time"], found["steps"] = np.array(self.time), np.array(self.steps)
         return found | {f"mass_{n}": np.array(v) for n, v in vars(self.masses).items()}
+
+    @property
+    def _names_of_past(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """What the next step takes from before the last one, in cells and on faces."""
+        if self.ideal is None:
+            return PAST_OF_CELLS, PAST_OF_FACES
+        return PAST_OF_CELLS + GAS_OF_CELLS, PAST_OF_FACES + GAS_OF_FACES
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Take over what `state` gave, also from another division into ranks (collective)."""
@@ -320,9 +364,10 @@ class Flow3D:
             found[name] = cells.from_sides(np.asarray(state[name]), directed)
         self.now, self.past = Moment(**found), None
         if self.line.order and "before_dt" in state:
-            given = {n: np.asarray(state[f"before_{n}"]) for n in (*PAST_OF_CELLS, *PAST_OF_FACES)}
-            found = {name: cells.whole(given[name]) for name in PAST_OF_CELLS}
-            found |= {name: cells.from_sides(given[name]) for name in PAST_OF_FACES}
+            of_cells, of_faces = self._names_of_past
+            given = {n: np.asarray(state[f"before_{n}"]) for n in (*of_cells, *of_faces)}
+            found = {name: cells.whole(given[name]) for name in of_cells}
+            found |= {name: cells.from_sides(given[name]) for name in of_faces}
             self.past = Past(float(state["before_dt"]), **found)
         self.time, self.steps = float(state["time"]), int(state["steps"])
         names = (f.name for f in fields(Masses))

@@ -7,7 +7,9 @@ neighbours or matrices.
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -46,6 +48,18 @@ class Grains:
     mu_f: Array
 
 
+@dataclass(frozen=True)
+class LocalGas:
+    """Gas as a law sees it, its density an array over cells.
+
+    density : [kg/m3]
+    viscosity : [Pa s]
+    """
+
+    density: Array
+    viscosity: float
+
+
 class CellLaws:
     """The laws of a case, evaluated on arrays.
 
@@ -59,6 +73,12 @@ class CellLaws:
         self.laws, self.walls = case.closures, case.walls
         self.speed = case.operation.gas_superficial_velocity
         self.width = case.geometry.hydraulic_diameter
+
+    def of(self, relative: Array) -> Self:
+        """The laws in cells where the gas has this density over that of the case [-]."""
+        found = copy.copy(self)
+        found.gas = LocalGas(relative * self.gas.density, self.gas.viscosity)
+        return found
 
     # -- solids --------------------------------------------------------------------------------
 

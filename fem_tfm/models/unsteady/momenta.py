@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fem_tfm.models.unsteady.compression import Compressed
 from fem_tfm.models.unsteady.laws import CellLaws
 from fem_tfm.models.unsteady.levels import Levels
 from fem_tfm.models.unsteady.line import Line
@@ -14,6 +15,7 @@ from fem_tfm.models.unsteady.state import (
     SLOPES,
     SMALLEST_FRACTION,
     TRANSPORT_TOLERANCE,
+    Density,
     Feed,
     Moment,
     Moved,
@@ -47,10 +49,11 @@ class Momenta:
     ----------
     line, laws : mesh and coefficients
     gravity : vector [m/s2]
+    lifted : density of the gas whose weight the pressure leaves out [kg/m3]
     """
 
-    def __init__(self, line: Line, laws: CellLaws, gravity: Array) -> None:
-        self.line, self.laws = line, laws
+    def __init__(self, line: Line, laws: CellLaws, gravity: Array, lifted: float) -> None:
+        self.line, self.laws, self._lifted = line, laws, lifted
         # rises along the normals, for the weight of a phase [m/s2]
         self._weight = line.normal @ gravity
         self._area, self._skew = (
@@ -65,10 +68,19 @@ class Momenta:
     # -- the phases ----------------------------------------------------------------------------
 
     def phases(
-        self, at: Moment, levels: Levels, start: Moment, moved: Moved | None, rates: Rates
+        self,
+        at: Moment,
+        levels: Levels,
+        start: Moment,
+        moved: Moved | None,
+        rates: Rates,
+        compressed: Compressed | None = None,
     ) -> list[Phase]:
-        """Phases that step from `start`, the gas last, with coefficients of `at`."""
-        gas = self._gas(at, levels, start, moved)
+        """Phases that step from `start`, the gas last, with coefficients of `at`.
+
+        compressed : the gas, None where its density is constant
+        """
+        gas = self._gas(at, levels, start, moved, compressed)
         return [gas] if moved is None else [self._solids(at, levels, start, moved, rates), gas]
 
     def _solids(
@@ -86,7 +98,7 @@ class Momenta:
             traction = laws.solids_friction(state) * line.cells.size[wall]
         return Phase(
             name="solids",
-            density=laws.solids.density,
+            density=Density.constant(laws.solids.density),
             fraction=at.alpha,
             before=start.alpha,
             velocity=start.u_s,
@@ -99,8 +111,20 @@ class Momenta:
             pressure=moved.pressure,
         )
 
-    def _gas(self, at: Moment, levels: Levels, start: Moment, moved: Moved | None) -> Phase:
+    def _gas(
+        self,
+        at: Moment,
+        levels: Levels,
+        start: Moment,
+        moved: Moved | None,
+        compressed: Compressed | None,
+    ) -> Phase:
         laws, line, cells = self.laws, self.line, self.line.cells
+        edge, wall = cells.first[line.wall], line.wall
+        density, beside = Density.constant(laws.gas.density), laws
+        if compressed is not None:
+            density, relative = compressed.density, compressed.relative
+            laws, beside = laws.of(relative), laws.of(relative[edge])
         gradient = cells.whole(cells.gradient(levels.now.u_g))
         void = 1 - at.alpha
         mu = laws.gas_viscosity(gradient, self._distance)
@@ -110,16 +134,15 @@ class Momenta:
         mu = void * mu
         flux = at.total - (0.0 if moved is None else moved.flux)
         flux[line.inlet] = 0.0
-        edge, wall = cells.first[line.wall], line.wall
         if laws.walls.gas.strong:
             traction = mu[edge] * cells.reach[wall]
         else:
             # found at the centre of the wall's cells
             slip = laws.slip(at.u_g[edge], line.normal[wall])
-            traction = laws.gas_friction(void[edge], slip, self._height) * cells.size[wall]
+            traction = beside.gas_friction(void[edge], slip, self._height) * cells.size[wall]
         return Phase(
             name="gas",
-            density=laws.gas.density,
+            density=density,
             fraction=void,
             before=1 - start.alpha,
             velocity=start.u_g,
@@ -150,14 +173,14 @@ class Momenta:
         for phase in phases:
             share = np.maximum(cells.mean(phase.fraction), SMALLEST_FRACTION)
             force = -share * slope
-            force += share * (phase.density - self.laws.gas.density) * self._weight
+            force += share * (phase.density.faces - self._lifted) * self._weight
             if phase.pressure is not None:
                 p_s = phase.pressure
                 force[inner] -= (p_s[second] - p_s[first]) * line.normal_slope[inner]
             force *= line.open
             if phase.name == "solids" and feed.blocked:
                 force[line.outlet] = 0.0
-            mass = phase.density * share
+            mass = phase.density.faces * share
             vector = cells.whole(line.reconstruct(force / mass))
             average = cells.flux(vector) / cells.size
             gaps.append(force - mass * average * line.open)
@@ -233,15 +256,16 @@ class Momenta:
     def _equation(self, phase: Phase, acceleration: Array, levels: Levels, feed: Feed) -> _Equation:
         """Momentum of one phase without drag."""
         line, cells, own, inner = self.line, self.line.cells, self.line.own, self.line.inner
-        inertia = phase.density * np.maximum(phase.before[own], SMALLEST_FRACTION)
+        density = phase.density
+        inertia = density.start * np.maximum(phase.before[own], SMALLEST_FRACTION)
         inertia = inertia * line.volume / levels.span
-        flux = phase.density * phase.flux
+        flux = density.carried * phase.flux
         ahead, back = np.maximum(flux, 0.0), np.maximum(-flux, 0.0)
         spread = cells.mean(phase.viscosity) * cells.reach
         spread[cells.inner :] = 0.0
         diagonal = inertia + cells.sum_out(back, ahead) + cells.add(spread)
         side = inertia[:, None] * phase.velocity[own]
-        mass = phase.density * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
+        mass = density.cells * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
         lagging = self._lagging(phase, phase.present, phase.gradient, levels)
         side += (mass * line.volume)[:, None] * acceleration[own] + lagging
         side += feed.inside.force(phase.name) * line.volume[:, None]
@@ -249,8 +273,9 @@ class Momenta:
             cells.to_boundary("wall", diagonal, phase.traction)
         if line.has_inlet:
             mean = feed.mean_velocity(phase.name)
-            entering = phase.density * feed.fraction(phase.name) * -line.entering(mean)
-            velocity = -mean * line.profile[:, None] * line.normal[line.inlet]
+            entering = density.fed * feed.fraction(phase.name) * -line.entering(mean)
+            speed = mean * density.thinning(line.inlet) * line.profile
+            velocity = -speed[:, None] * line.normal[line.inlet]
             # what a passing flux without inlet has left out
             missing = entering - back[line.inlet]
             cells.to_boundary("inlet", diagonal, missing)
@@ -264,5 +289,5 @@ class Momenta:
         line, found = self.line, self._stress(phase, gradient)
         if not line.order:
             return found
-        flux = levels.linear * phase.density * phase.flux
+        flux = levels.linear * phase.density.carried * phase.flux
         return found - line.cells.sum(line.beyond(flux, velocity, line.speed, gradient))

@@ -6,6 +6,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from fem_tfm.errors import SolverError
 from fem_tfm.solvers.cells import Array
 
@@ -27,7 +29,8 @@ class StepFailed(SolverError):
 class Sources:
     """What is given to every volume at the end of a step: numbers, or arrays over owned cells.
 
-    solids, gas : volume of a phase, which comes with the velocity and Theta that are there [1/s]
+    solids, gas : volume of a phase, which comes with the velocity and Theta that are there; that of
+        a gas which follows the pressure at the density of the case [1/s]
     force_s, force_g : (3,) or (cells, 3) [N/m3]
     energy : granular energy, or what is taken of it [W/m3]
     """
@@ -47,7 +50,7 @@ class Sources:
 class Feed:
     """What enters and leaves at the end of a step.
 
-    gas_velocity : superficial [m/s]
+    gas_velocity : superficial, at the density of the case [m/s]
     solids_fraction, solids_velocity : of what enters [-], [m/s]
     blocked : the outlet lets the gas pass and holds the solids
     inside : what comes into the cells without passing the boundary
@@ -156,6 +159,32 @@ class Moved:
 
 
 @dataclass(frozen=True)
+class Density:
+    """Density of a phase, a number where it is constant [kg/m3].
+
+    start, cells (owned) : where the step starts, and foreseen for its end
+    faces, carried (faces) : interpolated, and upwind
+    fed : at which the velocity of the feed holds
+    """
+
+    start: Array | float
+    cells: Array | float
+    faces: Array | float
+    carried: Array | float
+    fed: float
+
+    @classmethod
+    def constant(cls, value: float) -> Density:
+        """The same everywhere."""
+        return cls(value, value, value, value, value)
+
+    def thinning(self, inlet: slice) -> Array | float:
+        """Volume of what enters over that at the density of the feed [-]."""
+        carried = self.carried
+        return self.fed / (carried[inlet] if isinstance(carried, np.ndarray) else carried)
+
+
+@dataclass(frozen=True)
 class Phase:
     """One phase in a step; arrays over all cells unless said otherwise.
 
@@ -169,7 +198,7 @@ class Phase:
     """
 
     name: str
-    density: float
+    density: Density
     fraction: Array
     before: Array
     velocity: Array
