@@ -92,8 +92,7 @@ class IdealGas:
         faces = cells.mean(later)
         if line.order:
             slope = cells.whole(cells.gradient(later))
-            rise = line.beyond(toward, later, faces[inner], slope)
-            upwind += levels.linear * toward * rise
+            upwind += toward * line.beyond(toward, later, faces[inner], slope)
         upwind[line.outlet] = faces[line.outlet] = self.at_outlet
         kept, fed = np.zeros(cells.faces), np.broadcast_to(feed.inside.gas, cells.owned)
         if past is not None:

@@ -79,15 +79,15 @@ class Flow3D:
         self._functions: dict[str, fem.Function] = {}
         self.start()
 
-    def start(self, alpha: Any = 0.0, theta: float = SMALLEST_THETA) -> None:
-        """Both phases at rest, with a solids fraction given as a number or in all cells."""
+    def start(self, alpha: Any = 0.0, theta: float = SMALLEST_THETA, p: Any = 0.0) -> None:
+        """Both phases at rest; solids fraction and pressure are numbers or those of all cells."""
         cells = self.cells
         zero, flux = np.zeros(cells.count), np.zeros(cells.faces)
         vector = np.zeros((cells.count, 3))
         self.now = Moment(
             alpha=zero + alpha,
             theta=zero + theta,
-            p=zero,
+            p=zero + p,
             u_s=vector,
             u_g=vector,
             total=flux,
@@ -169,7 +169,7 @@ class Flow3D:
     ) -> tuple[Moment, Past | None, Report, Masses]:
         old, start, span = levels.expected, levels.start, levels.span_faces
         cells, effort = self.cells, {}
-        moved, rates, beta = None, None, np.zeros(cells.count)
+        moved, rates, beta, dragged = None, None, np.zeros(cells.count), None
         at, compressed = old, None
         thickness = self.ideal.foresee(levels, dt) if self.ideal else None
         if self.solids is not None:
@@ -190,11 +190,13 @@ class Flow3D:
             beta = self._drag(at, thickness)
             theta = self.agitation.warm(at, beta, levels, start, moved, rates, feed, effort)
             at = replace(at, theta=theta)
+            if thickness:
+                beta, dragged = self._steep_drag(at, beta, thickness)
         if self.ideal:
             compressed = self.ideal.compress(thickness, levels, moved, dt, feed)
         phases = self.momenta.phases(at, levels, start, moved, rates, compressed)
         gaps, accelerated = self.momenta.forces(at, phases, feed)
-        guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort)
+        guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort, dragged)
         at = replace(at, u_s=start.u_s)
         found = self.projection.project(
             at, phases, beta, guess, gaps, span, feed, effort, compressed
@@ -238,6 +240,18 @@ class Flow3D:
     def _drag(self, at: Moment, thickness: Thickness | None) -> Array:
         laws = self.laws.of(thickness.later) if thickness else self.laws
         return laws.drag(at.alpha, at.u_g - at.u_s)
+
+    def _steep_drag(
+        self, at: Moment, beta: Array, thickness: Thickness
+    ) -> tuple[Array, Array]:
+        """Slope of the drag with the slip, and what that has beyond the drag [N/m3].
+
+        A gas that gives way follows its drag at once: with a foreseen beta alone, flow and drag
+        would take turns.
+        """
+        slip = at.u_g - at.u_s
+        steep = self.laws.of(thickness.later).steepness(at.alpha, slip, beta)
+        return beta + steep, steep[:, None] * slip
 
     # -- what others read ----------------------------------------------------------------------
 

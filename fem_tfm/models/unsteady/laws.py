@@ -31,6 +31,8 @@ FADING_FRACTION = 1e-4
 MOST_VISCOUS = 100.0
 # speeds that regularise drag and walls, and shear, over U and U/D
 SLIP_FLOOR, SHEAR_FLOOR = 1e-4, 1e-3
+# step of the slip, over itself, for the slope of the drag
+SLIP_STEP = 1e-3
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,11 @@ class CellLaws:
         return self.laws.drag.beta(
             np.maximum(alpha, SMALLEST_FRACTION), speed, self.gas, self.solids
         )
+
+    def steepness(self, alpha: Array, slip: Array, beta: Array) -> Array:
+        """|u| d(beta)/d|u| [kg/m3/s] at u = u_g - u_s (cells, 3) [m/s], of which beta is known."""
+        rise = (self.drag(alpha, (1 + SLIP_STEP) * slip) - beta) / SLIP_STEP
+        return np.maximum(rise, 0.0)
 
     def gas_viscosity(self, gradient: Array, distance: Array) -> Array:
         """mu_g + mu_t [Pa s] at grad u_g (cells, 3, 3) [1/s] and a distance to the wall [m]."""

@@ -213,8 +213,11 @@ class Momenta:
         levels: Levels,
         feed: Feed,
         effort: dict[str, int],
+        dragged: Array | None = None,
     ) -> list[Array]:
         """Velocities of the phases before the projection, in all cells (collective).
+
+        dragged : force (cells, 3) on the gas that beta times the slip has beyond the drag [N/m3]
 
         Raises
         ------
@@ -239,6 +242,9 @@ class Momenta:
         largest = max(cells.total(start[:, :, i] ** 2) for i in range(3)) ** 0.5
         enough = TRANSPORT_TOLERANCE * largest + line.little(SMALL_VELOCITY * line.speed)
         given, velocities = np.stack([one.side for one in equations], axis=1), []
+        if dragged is not None:
+            force = dragged[own] * line.volume[:, None]
+            given += np.stack([-force, force], axis=1)
         for _ in range(SLOPES if line.order else 1):
             side = given.copy()
             for k, u in enumerate(velocities):
