@@ -401,6 +401,7 @@ BAD = [
     ("gas.density", None, "exactly one of density, species, gas_constant"),
     ("gas.species", "N2", "gas.pressure is not given"),
     ("gas.pressure", 1e5, "no pressure beside gas.density"),
+    ("gas.compressible", True, "false beside gas.density"),
     ("gas.viscosity", None, "dynamic viscosity"),
     ("solids.density", None, "density of the particle"),
     ("operation.gas_superficial_velocity", None, "above 0"),
