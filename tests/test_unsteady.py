@@ -35,6 +35,9 @@ BASE = {
     "output": {"interval": 1e-3, "probes": [[1e-3, 0, 0.01]], "sections": [0.01, 0.02]},
 }
 
+# a gas whose density follows the pressure
+NITROGEN = {"gas": {"species": "N2", "pressure": 1e5, "compressible": True}}
+
 
 def case_of(dense: dict[str, Any], changes: dict[str, Any] | None = None) -> Case:
     """A short line with few cells, with dotted keys changed."""
@@ -176,7 +179,13 @@ class Interrupt:
 
 @pytest.mark.mpi
 @pytest.mark.parametrize(
-    ("number", "order"), [(signal.SIGINT, 0), (signal.SIGTERM, 0), (signal.SIGTERM, 1)]
+    ("number", "order", "gas"),
+    [
+        (signal.SIGINT, 0, {}),
+        (signal.SIGTERM, 0, {}),
+        (signal.SIGTERM, 1, {}),
+        (signal.SIGTERM, 1, NITROGEN),
+    ],
 )
 def test_an_interrupted_run_goes_on_bit_for_bit(
     dense: dict[str, Any],
@@ -184,9 +193,10 @@ def test_an_interrupted_run_goes_on_bit_for_bit(
     monkeypatch: pytest.MonkeyPatch,
     number: int,
     order: int,
+    gas: dict[str, Any],
 ) -> None:
     """N steps, a signal, N more: the same as all in one, in every cell and every row."""
-    case, comm = case_of(dense, {"numerics.order": order}), MPI.COMM_WORLD
+    case, comm = case_of(dense, {"numerics.order": order, **gas}), MPI.COMM_WORLD
     whole, halves = tmp_path / "whole", tmp_path / "halves"
     with monkeypatch.context() as patch:
         # the state is written there too, which starts the multigrid anew
@@ -226,12 +236,12 @@ def patch_saves(patch: pytest.MonkeyPatch, step: int) -> list[int]:
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("order", [0, 1])
+@pytest.mark.parametrize(("order", "gas"), [(0, {}), (1, {}), (0, NITROGEN), (1, NITROGEN)])
 def test_a_state_goes_on_with_another_number_of_ranks(
-    dense: dict[str, Any], tmp_path: Path, order: int
+    dense: dict[str, Any], tmp_path: Path, order: int, gas: dict[str, Any]
 ) -> None:
     """Five more steps of one rank and of all agree to what the linear solvers leave."""
-    case = case_of(dense, {"numerics.order": order})
+    case = case_of(dense, {"numerics.order": order, **gas})
     case.run(tmp_path)
     MPI.COMM_WORLD.barrier()
     found = []
