@@ -9,8 +9,10 @@ so that flows of mass are volumes of the case's gas. The mass of a cell changes 
 
     V/dt [(1 - alpha_s) d]_before^after + sum s d_f (total - solids) + (1 - s) passed_before = source
 
-with s of the levels in time. d_f, upwind, is foreseen: the system of the pressure stays symmetric,
-and its diagonal gains (1 - alpha_s) V/(dt p_ref).
+with s = 1 or that of BDF2, one for all faces, so that the total flux of a gas of constant density
+is free of divergence whatever share of its past the flux of the solids takes. d_f, upwind, is
+foreseen: the system of the pressure stays symmetric, and its diagonal gains
+(1 - alpha_s) V/(dt p_ref).
 """
 
 from __future__ import annotations
@@ -84,8 +86,9 @@ class IdealGas:
         """What a step makes of the gas, behind that of the solids (collective)."""
         line, cells, own, inner = self.line, self.line.cells, self.line.own, self.line.inner
         past, later = levels.past, thickness.later
-        solids = np.zeros(cells.faces) if moved is None else moved.flux
-        alpha = levels.now.alpha if moved is None else moved.alpha
+        solids, alpha = np.zeros(cells.faces), levels.now.alpha
+        if moved is not None:
+            solids, alpha = moved.passed, moved.alpha
         toward = np.sign(levels.expected.total - solids)
         upwind = later[cells.first]
         upwind[inner] = np.where(toward[inner] < 0, later[cells.second], upwind[inner])
@@ -94,10 +97,11 @@ class IdealGas:
             slope = cells.whole(cells.gradient(later))
             upwind += toward * line.beyond(toward, later, faces[inner], slope)
         upwind[line.outlet] = faces[line.outlet] = self.at_outlet
-        kept, fed = np.zeros(cells.faces), np.broadcast_to(feed.inside.gas, cells.owned)
+        share, kept, fed = 1.0, np.zeros(cells.faces), feed.inside.gas
         if past is not None:
-            kept = (1 - levels.share) * past.gas
-            fed = levels.span / dt * fed + (1 - levels.span / dt) * past.fed[own]
+            w = dt / (past.dt + 2 * dt)
+            share, kept, fed = 1 - w, w * past.gas, (1 - w) * fed + w * past.fed[own]
+            solids = (solids - w * past.passed) / share
         grown = thickness.now[own] * (levels.now.alpha - alpha)[own] * line.volume / dt
         density = Density(
             start=self.density * thickness.start[own],
@@ -107,8 +111,8 @@ class IdealGas:
             fed=self.density,
         )
         rate = (1 - alpha[own]) * line.volume / (dt * self.reference)
-        weight = levels.share * upwind
-        return Compressed(line, density, later, solids, weight, kept, rate, grown, fed)
+        fed = np.broadcast_to(fed, cells.owned)
+        return Compressed(line, density, later, solids, share * upwind, kept, rate, grown, fed)
 
 
 @dataclass(frozen=True)
@@ -117,7 +121,7 @@ class Compressed:
 
     density : for its momentum
     relative : d foreseen, in all cells
-    solids (faces) : volume flux of the solids at the end of the step [m3/s]
+    solids (faces) : volume flux of the solids, which the levels make what has passed [m3/s]
     weight, kept (faces) : the gas passes `weight` times its volume flux plus `kept` [m3/s]
     rate (owned) : growth of the mass in a step with the pressure [m3/s/Pa]
     grown (owned) : growth at the pressure before the step [m3/s]
