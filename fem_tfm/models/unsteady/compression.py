@@ -7,7 +7,8 @@ Densities are taken over that of the case, which the gas has at gas.pressure,
 
 so that flows of mass are volumes of the case's gas. The mass of a cell changes as
 
-    V/dt [(1 - alpha_s) d]_before^after + sum s d_f (total - solids) + (1 - s) passed_before = source
+    V/dt [(1 - alpha_s) d]_before^after + sum passed = source
+    passed = s d_f (total - solids) + (1 - s) passed_before
 
 with s = 1 or that of BDF2, one for all faces, so that the total flux of a gas of constant density
 is free of divergence whatever share of its past the flux of the solids takes. d_f, upwind, is
@@ -22,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem_tfm.case import Case
-from fem_tfm.models.unsteady.levels import Levels, Past
+from fem_tfm.models.unsteady.levels import Levels
 from fem_tfm.models.unsteady.line import Line
 from fem_tfm.models.unsteady.state import Density, Feed, Moment, Moved
 from fem_tfm.solvers.cells import Array
@@ -84,19 +85,12 @@ class IdealGas:
         self, thickness: Thickness, levels: Levels, moved: Moved | None, dt: float, feed: Feed
     ) -> Compressed:
         """What a step makes of the gas, behind that of the solids (collective)."""
-        line, cells, own, inner = self.line, self.line.cells, self.line.own, self.line.inner
+        line, cells, own = self.line, self.line.cells, self.line.own
         past, later = levels.past, thickness.later
         solids, alpha = np.zeros(cells.faces), levels.now.alpha
         if moved is not None:
             solids, alpha = moved.passed, moved.alpha
-        toward = np.sign(levels.expected.total - solids)
-        upwind = later[cells.first]
-        upwind[inner] = np.where(toward[inner] < 0, later[cells.second], upwind[inner])
-        faces = cells.mean(later)
-        if line.order:
-            slope = cells.whole(cells.gradient(later))
-            upwind += toward * line.beyond(toward, later, faces[inner], slope)
-        upwind[line.outlet] = faces[line.outlet] = self.at_outlet
+        faces, upwind = self._on_faces(later, levels.expected.total - solids)
         share, kept, fed = 1.0, np.zeros(cells.faces), feed.inside.gas
         if past is not None:
             w = dt / (past.dt + 2 * dt)
@@ -113,6 +107,18 @@ class IdealGas:
         rate = (1 - alpha[own]) * line.volume / (dt * self.reference)
         fed = np.broadcast_to(fed, cells.owned)
         return Compressed(line, density, later, solids, share * upwind, kept, rate, grown, fed)
+
+    def _on_faces(self, relative: Array, flux: Array) -> tuple[Array, Array]:
+        """d of all cells on faces, interpolated and upwind of a flux (collective)."""
+        line, cells, inner = self.line, self.line.cells, self.line.inner
+        toward, faces = np.sign(flux), cells.mean(relative)
+        upwind = relative[cells.first]
+        upwind[inner] = np.where(toward[inner] < 0, relative[cells.second], upwind[inner])
+        if line.order:
+            slope = cells.whole(cells.gradient(relative))
+            upwind += toward * line.beyond(toward, relative, faces[inner], slope)
+        upwind[line.outlet] = faces[line.outlet] = self.at_outlet
+        return faces, upwind
 
 
 @dataclass(frozen=True)

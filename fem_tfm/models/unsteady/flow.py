@@ -241,9 +241,7 @@ class Flow3D:
         laws = self.laws.of(thickness.later) if thickness else self.laws
         return laws.drag(at.alpha, at.u_g - at.u_s)
 
-    def _steep_drag(
-        self, at: Moment, beta: Array, thickness: Thickness
-    ) -> tuple[Array, Array]:
+    def _steep_drag(self, at: Moment, beta: Array, thickness: Thickness) -> tuple[Array, Array]:
         """Slope of the drag with the slip, and what that has beyond the drag [N/m3].
 
         A gas that gives way follows its drag at once: with a foreseen beta alone, flow and drag
@@ -260,9 +258,7 @@ class Flow3D:
         if not self.cells.largest(-density) < 0:
             raise SolverError("the density of the gas is not positive")
 
-    def _balance(
-        self, solids: tuple[Array, Array], gas: tuple[Array, Array], dt: float
-    ) -> Masses:
+    def _balance(self, solids: tuple[Array, Array], gas: tuple[Array, Array], dt: float) -> Masses:
         """Masses with what has passed faces in a step and what was put into cells [m3/s]."""
         cells, edge = self.cells, slice(self.cells.inner, None)
         gained = {}
