@@ -654,7 +654,6 @@ class Case(Table):
             if self.numerics.end_time is None:
                 allowed = _allowed(Numerics.model_fields["end_time"])
                 raise InputError("numerics.end_time", None, allowed)
-            self._refuse_laws_of_sections()
             return self
         allowed, feed = "solution = 'unsteady' beside it", self.operation
         if self.geometry.shape == "bend":
@@ -665,21 +664,6 @@ class Case(Table):
             if getattr(feed, name):
                 raise InputError(f"operation.{name}", _plain(getattr(feed, name)), allowed)
         return self
-
-    def _refuse_laws_of_sections(self) -> None:
-        """Laws that the unsteady flow does not know."""
-        laws, other = self.closures, "with solution = 'unsteady'"
-        refused = {
-            "closures.turbulence": (laws.turbulence, laws.turbulence.transported, "mixing-length"),
-            "closures.dispersed": (laws.dispersed, laws.dispersed.name != "none", "none"),
-            "closures.dispersion": (laws.dispersion, laws.dispersion.name != "none", "none"),
-            "walls.gas": (self.walls.gas, self.walls.gas.resolved, "log-law"),
-        }
-        for key, (law, is_refused, known) in refused.items():
-            if is_refused:
-                raise InputError(key, law.name, f"{known!r} {other}")
-        if self.walls.grain_gap:
-            raise InputError("walls.grain_gap", self.walls.grain_gap, f"0 {other}")
 
     @model_validator(mode="after")
     def _initial_state_fits(self) -> Self:

@@ -683,10 +683,6 @@ def test_legs_of_a_bend(dense: dict[str, Any]) -> None:
         (BEND | {"geometry.bend_radius": 0.004}, "a radius above half the diameter"),
         (BEND | {"geometry.bend_start": 0.15}, "at least the leg before the bend and its arc"),
         (BEND | {"geometry.bend_towards": "side", "geometry.symmetry": "half"}, "'none' or 'auto'"),
-        ({"closures.turbulence": "k-epsilon"}, "'mixing-length' with solution = 'unsteady'"),
-        ({"closures.dispersion": "burns"}, "'none' with solution = 'unsteady'"),
-        ({"walls.gas": "low-reynolds"}, "'log-law' with solution = 'unsteady'"),
-        ({"walls.grain_gap": 1.0}, "0 with solution = 'unsteady'"),
     ],
 )
 def test_an_unsteady_flow_that_cannot_be_is_refused(

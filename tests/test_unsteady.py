@@ -39,6 +39,9 @@ BASE = {
 NITROGEN = {"gas": {"species": "N2", "pressure": 1e5, "compressible": True}}
 
 
+FOUR_EQUATIONS = {"closures.turbulence": "realizable-4eq", "closures.dispersion": "burns"}
+
+
 def case_of(dense: dict[str, Any], changes: dict[str, Any] | None = None) -> Case:
     """A short line with few cells, with dotted keys changed."""
     return Case.from_dict(dense | BASE).with_values(changes or {})
@@ -179,12 +182,15 @@ class Interrupt:
 
 @pytest.mark.mpi
 @pytest.mark.parametrize(
-    ("number", "order", "gas"),
+    ("number", "order", "changes"),
     [
         (signal.SIGINT, 0, {}),
         (signal.SIGTERM, 0, {}),
         (signal.SIGTERM, 1, {}),
         (signal.SIGTERM, 1, NITROGEN),
+        (signal.SIGTERM, 0, FOUR_EQUATIONS),
+        (signal.SIGTERM, 1, FOUR_EQUATIONS),
+        (signal.SIGTERM, 1, NITROGEN | FOUR_EQUATIONS),
     ],
 )
 def test_an_interrupted_run_goes_on_bit_for_bit(
@@ -193,10 +199,10 @@ def test_an_interrupted_run_goes_on_bit_for_bit(
     monkeypatch: pytest.MonkeyPatch,
     number: int,
     order: int,
-    gas: dict[str, Any],
+    changes: dict[str, Any],
 ) -> None:
     """N steps, a signal, N more: the same as all in one, in every cell and every row."""
-    case, comm = case_of(dense, {"numerics.order": order, **gas}), MPI.COMM_WORLD
+    case, comm = case_of(dense, {"numerics.order": order, **changes}), MPI.COMM_WORLD
     whole, halves = tmp_path / "whole", tmp_path / "halves"
     with monkeypatch.context() as patch:
         # the state is written there too, which starts the multigrid anew
@@ -236,12 +242,15 @@ def patch_saves(patch: pytest.MonkeyPatch, step: int) -> list[int]:
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize(("order", "gas"), [(0, {}), (1, {}), (0, NITROGEN), (1, NITROGEN)])
+@pytest.mark.parametrize(
+    ("order", "changes"),
+    [(0, {}), (1, {}), (0, FOUR_EQUATIONS), (0, NITROGEN), (1, NITROGEN | FOUR_EQUATIONS)],
+)
 def test_a_state_goes_on_with_another_number_of_ranks(
-    dense: dict[str, Any], tmp_path: Path, order: int, gas: dict[str, Any]
+    dense: dict[str, Any], tmp_path: Path, order: int, changes: dict[str, Any]
 ) -> None:
     """Five more steps of one rank and of all agree to what the linear solvers leave."""
-    case = case_of(dense, {"numerics.order": order, **gas})
+    case = case_of(dense, {"numerics.order": order, **changes})
     case.run(tmp_path)
     MPI.COMM_WORLD.barrier()
     found = []
@@ -316,6 +325,16 @@ def test_gas_alone_is_driven_too(dense: dict[str, Any]) -> None:
     assert result.status == "finished"
     density = case.gas.gas_density
     assert result["gas_mass_flow"] == pytest.approx(density * 6.43 * case.geometry.area, rel=1e-6)
+
+
+def test_turbulence_is_told_and_kept(dense: dict[str, Any], tmp_path: Path) -> None:
+    changes = {"output.pictures": False, "numerics.end_time": 2e-3}
+    case_of(dense, {**FOUR_EQUATIONS, **changes}).run(tmp_path)
+    assert all(float(row["max_k"]) > 0 for row in rows(tmp_path / "monitor.csv"))
+    series = (tmp_path / "fields.xdmf").read_text(encoding="utf-8")
+    for name in ("k", "eps", "k_s", "eps_s"):
+        assert f'Name="{name}"' in series
+        assert all(float(row[f"{name}_1"]) > 0 for row in rows(tmp_path / "probes.csv"))
 
 
 def test_check_tells_the_size(dense: dict[str, Any]) -> None:

@@ -40,8 +40,10 @@ OUTPUTS, FIRST_SHARE = 20, 0.01
 # times closer than this, over the end, are the same
 SAME_TIME = 1e-9
 # iterations of each equation that count as all the effort a step may take
-MOST_ITERATIONS = {"solids fraction": 25, "theta": 60, "momentum": 150, "pressure": 60}
-# unknowns of a cell: two velocities, solids fraction, granular temperature, pressure
+MOST_ITERATIONS = {
+    "solids fraction": 25, "theta": 60, "turbulence": 150, "momentum": 150, "pressure": 60,
+}  # fmt: skip
+# unknowns of a cell besides turbulence: velocities, solids fraction, granular temperature, pressure
 UNKNOWNS, GAS_UNKNOWNS = 9, 4
 
 
@@ -141,7 +143,7 @@ class Stepped:
     @property
     def dofs(self) -> int:
         """Unknowns on all ranks."""
-        return self.mesh.num_cells * (GAS_UNKNOWNS if self.case.solids is None else UNKNOWNS)
+        return self.mesh.num_cells * unknowns(self.case)
 
     def advance(self, dt: float, time: float) -> float:
         """Go one step and return its effort."""
@@ -166,6 +168,7 @@ COLUMNS = {
     "courant": "",
     "max_alpha_s": "",
     "max_theta": "m2/s2",
+    "max_k": "m2/s2",
     "mass_error": "",
     "pressure_drop": "Pa",
     "holdup": "",
@@ -226,7 +229,7 @@ class FlowRecorder(Recorder):
         stepping, report, flow = self.stepping, self.section.report, self.section.flow
         values: dict[str, float] = {"step": stepping.count, "time": stepping.time}
         values |= {"dt": stepping.step, "iterations": sum(report.iterations.values())}
-        values |= {n: getattr(report, n) for n in ("courant", "max_alpha_s", "max_theta")}
+        values |= {n: getattr(report, n) for n in ("courant", "max_alpha_s", "max_theta", "max_k")}
         values["mass_error"] = report.mass_error
         found = flow.quantities()
         values |= {name: found[name] for name in COLUMNS if name in found}
@@ -235,8 +238,8 @@ class FlowRecorder(Recorder):
         end = self.case.numerics.end_time
         warning = (
             f"{stepping.time:.4g} of {end:g} s, dt {stepping.step:.3g} s, max alpha_s"
-            f" {report.max_alpha_s:.4f}, max theta {report.max_theta:.3g}, CFL"
-            f" {report.courant:.2f}, mass error {report.mass_error:.1e}"
+            f" {report.max_alpha_s:.4f}, max theta {report.max_theta:.3g}, max k"
+            f" {report.max_k:.3g}, CFL {report.courant:.2f}, mass error {report.mass_error:.1e}"
         )
         self.progress.update(stepping.time / end, warning)
         if self._probes is not None:
@@ -357,7 +360,13 @@ def write(case: Case, recorder: FlowRecorder, result: Result) -> None:
 SCENE = Scene(FlowRecorder, FILES, dense.advice, skipped, solve, write)
 
 # measured at 6,000 and 9,600 cells: memory [MB] and CPU time of a cell and step [s]
-BASE_MEMORY, CELL_MEMORY, CELL_TIME = 220, 0.014, 8e-6
+BASE_MEMORY, CELL_MEMORY, CELL_TIME, SCALE_TIME = 220, 0.014, 8e-6, 0.6e-6
+
+
+def unknowns(case: Case) -> int:
+    """Unknowns of a cell."""
+    found = GAS_UNKNOWNS if case.solids is None else UNKNOWNS
+    return found + dense.transported_scales(case)
 
 
 def describe(case: Case) -> dict[str, Any]:
@@ -367,15 +376,15 @@ def describe(case: Case) -> dict[str, Any]:
     speed = case.operation.gas_superficial_velocity
     steps = end * speed * layers / case.geometry.length / case.numerics.courant
     steps = max(steps, end / step_control(case).largest)
-    unknowns = cells * (GAS_UNKNOWNS if case.solids is None else UNKNOWNS)
+    cell_time = CELL_TIME + SCALE_TIME * dense.transported_scales(case)
     return dense.describe(case) | {
         "solved": f"unsteady flow by the two-fluid model: all of 3D, {end:g} s",
         "given": _given(case),
         "skipped": skipped(case),
         "meshes": f"{layers} layers of {cells // layers} cells",
-        "finest_mesh": f"{cells} cells, about {unknowns} unknowns",
+        "finest_mesh": f"{cells} cells, about {cells * unknowns(case)} unknowns",
         "memory": f"about {BASE_MEMORY + CELL_MEMORY * cells:.0f} MB",
-        "time": f"about {CELL_TIME * cells * steps:.0f} s for at least {steps:.0f} steps",
+        "time": f"about {cell_time * cells * steps:.0f} s for at least {steps:.0f} steps",
     }
 
 

@@ -377,8 +377,8 @@ class Cells:
 class Reconstruction:
     """Vectors in cells from normal components on their faces, by least squares.
 
-    u = (sum S S/|S|)^-1 sum S u_n, exact for a uniform field; faces of the parts `without` are left
-    out.
+    u = (sum c S S/|S|)^-1 sum c S u_n, exact for a uniform field; faces of the parts `without` are
+    left out. c is one unless it is given.
     """
 
     def __init__(self, cells: Cells, without: Sequence[str]) -> None:
@@ -388,7 +388,7 @@ class Reconstruction:
         weight = used / cells.size
         products = cells.area[:, :, None] * cells.area[:, None, :] * weight[:, None, None]
         matrix = cells.add(products.reshape(-1, 9)).reshape(-1, 3, 3)
-        inverse = np.linalg.inv(matrix)
+        self._matrix, inverse = matrix, np.linalg.inv(matrix)
         # the same vector for both cells of a face: |S| n n.u summed without direction
         self._operator = []
         faces = abs(cells._sum)
@@ -402,9 +402,44 @@ class Reconstruction:
         self._operator = sparse.csr_array(sparse.vstack(self._operator))
         self._cells = cells
 
-    def __call__(self, normal: Array) -> Array:
-        """Vectors (owned, 3) from components along the area vectors (faces)."""
-        return (self._operator @ normal).reshape(3, -1).T
+    def __call__(
+        self, normal: Array, less: tuple[npt.NDArray, npt.NDArray, Array] | None = None
+    ) -> Array:
+        """Vectors (owned, 3) from components along the area vectors (faces).
+
+        less : inner faces with c < 1, on which side, 0 for the first cell, and c
+        """
+        found = (self._operator @ normal).reshape(3, -1).T
+        if less is None:
+            return found
+        cells, (face, side, count) = self._cells, less
+        cell = np.where(side, cells.second[face], cells.first[face])
+        ours = cell < cells.owned
+        if not ours.any():
+            return found
+        face, cell, lack = face[ours], cell[ours], 1 - count[ours]
+        here, place = np.unique(cell, return_inverse=True)
+        area = cells.area[face]
+        along = area / cells.size[face, None]
+        off = lack * (np.einsum("ni,ni->n", along, found[cell]) - normal[face])
+
+        def gather(values: Array) -> Array:
+            return np.bincount(place, values, here.size)
+
+        rest = np.stack([gather(off * area[:, i]) for i in range(3)], axis=1)
+        lost = np.empty((here.size, 3, 3))
+        for i in range(3):
+            for j in range(i + 1):
+                lost[:, i, j] = lost[:, j, i] = gather(lack * area[:, i] * along[:, j])
+        found[here] += _solved(self._matrix[here] - lost, rest)
+        return found
+
+
+def _solved(matrix: Array, side: Array) -> Array:
+    """Solutions (n, 3) of symmetric 3 x 3 systems by Cramer's rule."""
+    a, b, c = matrix[:, 0], matrix[:, 1], matrix[:, 2]
+    rows = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    return np.einsum("nij,nj->ni", rows, side) / np.einsum("ni,ni->n", a, rows[:, 0])[:, None]
 
 
 class CellMatrix:
@@ -417,7 +452,11 @@ class CellMatrix:
         self.cells, self.width = cells, width
         ours = cells.map.local_to_global(np.arange(cells.count, dtype=np.int32))
         first, second = cells.first[: cells.inner], cells.second
-        self._mine, self._yours = first < cells.owned, second < cells.owned
+        self._mine, self._yours = (
+            # a slice costs nothing where there are no ghosts
+            slice(None) if (cell < cells.owned).all() else np.flatnonzero(cell < cells.owned)
+            for cell in (first, second)
+        )
         rows, columns = [], []
         own = ours[: cells.owned]
         for i in range(width):

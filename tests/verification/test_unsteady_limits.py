@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 from boxes import AIR, GRAINS, box, flow
 from mpi4py import MPI
+from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
 
 from fem_tfm.closures import make
+from fem_tfm.closures.materials import Gas
 from fem_tfm.models.unsteady import Feed, Flow3D
 from fem_tfm.models.unsteady.levels import euler
-from fem_tfm.models.unsteady.state import Moved
+from fem_tfm.models.unsteady.state import SMALLEST_THETA, Moved, Rates
 
 G = 9.81
 UPRIGHT = {"geometry.inclination_deg": 90.0, "operation.gravity": G}
@@ -67,6 +69,48 @@ def test_gas_between_plates_has_the_profile_of_poiseuille(order: int) -> None:
     assert gradient == pytest.approx(12 * viscosity * speed / height**2, rel=0.01)
     u, y = owned(found, found.now.u_g)[layers[0], 2], centre[layers[0], 1] / height
     assert u == pytest.approx(1.5 * speed * (1 - 4 * y**2), abs=0.01 * speed)
+
+
+@pytest.mark.parametrize("layers", [8, 16, 32])
+def test_turbulent_gas_between_plates_feels_the_wall_alike_on_every_mesh(layers: int) -> None:
+    # the log law up to y_p and the mixing length beyond tell the gradient of this mean velocity
+    speed, height, length, offset = 100.0, 0.02, 2.0, 5e-4
+    gas, law = Gas(1.2, 1.8e-5), make("turbulence", "mixing-length")
+    found = flow(
+        box((1.0, height, length), (1, layers, 10), "sswwio"),
+        {
+            "operation.gas_superficial_velocity": speed,
+            "closures.turbulence": "mixing-length",
+            "walls.gas": "log-law",
+            "walls.distance": offset,
+        },
+        alone=True,
+    )
+    found.move(np.zeros(3), np.array([0.0, 0.0, speed]))
+    # steps a hundred times as long as the gas takes to even out across the finest layer
+    for _ in range(40):
+        found.advance(0.02, Feed(speed))
+    centre, p = owned(found, found.cells.centre)[:, 2], owned(found, found.now.p)
+    means = [p[np.isclose(centre, (i + 0.5) * length / 10)].mean() for i in (7, 8)]
+    gradient = (means[0] - means[1]) / (length / 10)
+
+    y = np.geomspace(offset, height / 2, 500)
+
+    def bulk(gradient: float) -> float:
+        def shear(distance: float) -> float:
+            def surplus(rate: float) -> float:
+                mu_t = law.eddy_viscosity(rate, distance, gas, found.laws.width / 2)
+                return (gas.viscosity + mu_t) * rate - gradient * (height / 2 - distance)
+
+            return brentq(surplus, 0.0, gradient * height / gas.viscosity)
+
+        friction = math.sqrt(gradient * height / 2 / gas.density)
+        start = friction / 0.41 * math.log(9.8 * friction * offset * gas.density / gas.viscosity)
+        u = start + cumulative_trapezoid([shear(d) for d in y], y, initial=0.0)
+        strip = offset * (start - friction / 0.41)
+        return float((np.trapezoid(u, y) + strip) / (height / 2))
+
+    assert gradient == pytest.approx(brentq(lambda g: bulk(g) - speed, 500.0, 1e4), rel=0.015)
 
 
 @pytest.mark.parametrize("speed", [0.1, 1.0])
@@ -134,6 +178,71 @@ def test_a_settled_column_rests_on_its_own_pressure(dt: float, steps: int, order
     assert p_s[:6] == pytest.approx(weight[:6], rel=0.01)
     # larger steps ring at the bottom if a flux is carried on that alternates
     assert np.abs(u[:5]).max() < 1e-3
+
+
+def column(cells: int, order: int = 0, friction: str = "berzi") -> Flow3D:
+    """An empty column, closed below, of twice the cells that are to be filled."""
+    changes = {**UPRIGHT, "closures.friction": friction}
+    changes["operation.gas_superficial_velocity"] = 0.1
+    mesh = box((0.01, 0.01, 0.00625 * 2 * cells), (1, 1, 2 * cells), "sssswo")
+    return flow(mesh, changes, order=order)
+
+
+def hydrostatic(found: Flow3D, cells: int, surface: float) -> np.ndarray:
+    """Solids fractions whose pressure bears what lies above the centre of each cell."""
+    heavy = (GRAINS["density"] - AIR["density"]) * G * found.mesh.length / (2 * cells)
+    rest = Rates(np.zeros((1, 3, 3)), np.zeros(1), np.zeros(1))
+
+    def pressure(alpha: float) -> float:
+        theta = np.full(1, SMALLEST_THETA)
+        return found.laws.solids_pressure(np.full(1, alpha), theta, rest).item()
+
+    # the uppermost cell lays on its upper half what it can bear
+    fractions, above = [surface], heavy * surface - min(pressure(surface), heavy * surface / 2)
+    for _ in range(cells - 1):
+        above += pressure(fractions[0])
+        limit = found.solids.packing_limit - 1e-9
+        alpha = brentq(lambda a, w=above: pressure(a) - w - heavy * a / 2, 0.3, limit, xtol=1e-15)
+        fractions.insert(0, alpha)
+        above = heavy * alpha / 2
+    layer = (found.cells.centre[:, 2] / found.mesh.length * 2 * cells).astype(int)
+    return np.concatenate([fractions, np.zeros(cells)])[layer]
+
+
+def fastest(found: Flow3D, dt: float, time: float) -> float:
+    """Largest speed of either phase in any cell while `time` passes [m/s]."""
+    speed = 0.0
+    for _ in range(round(time / dt)):
+        found.advance(dt, Feed(0.0))
+        speed = max(speed, *(found.cells.largest(abs(u)) for u in (found.now.u_s, found.now.u_g)))
+    return speed
+
+
+@pytest.mark.parametrize(("dt", "surface"), [(3e-4, 0.59), (2e-3, 0.3)])
+@pytest.mark.parametrize("cells", [8, 24])
+def test_a_column_at_rest_stays_at_rest(cells: int, dt: float, surface: float, order: int) -> None:
+    found = column(cells, order)
+    found.start(hydrostatic(found, cells, surface))
+    assert fastest(found, dt, 0.15) < 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dt", [3e-4, 1e-3])
+@pytest.mark.parametrize("cells", [8, 24])
+def test_a_column_at_rest_stays_so_for_a_second(cells: int, dt: float, order: int) -> None:
+    found = column(cells, order)
+    found.start(hydrostatic(found, cells, 0.3))
+    assert fastest(found, dt, 1.0) < 1e-6
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dt", [3e-4, 1e-3])
+def test_a_column_comes_to_rest(dt: float) -> None:
+    found = column(8)
+    height = found.cells.centre[:, 2] / found.mesh.length
+    found.start(np.where(height < 0.5, 0.55, 0.0))
+    fastest(found, dt, 6.0)
+    assert fastest(found, dt, 1.0) < 1e-6
 
 
 @pytest.mark.parametrize(("e", "alpha"), [(0.8, 0.3), (0.9, 0.1)])

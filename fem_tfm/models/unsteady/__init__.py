@@ -7,8 +7,10 @@ One step, without outer iterations:
    and nonlinear; the matrix is an M-matrix, so 0 <= alpha_s < packing_limit at any step, and
    alpha_s is taken from its own fluxes, so that the mass of the solids is exact to round-off;
 2. granular temperature (`agitation`): implicit, its sinks in the diagonal, so Theta > 0;
-3. momenta (`momenta`) of both phases with their drag in one matrix for all three components;
-4. pressure (`projection`): what the momenta leave of div(alpha_s u_s + alpha_g u_g) = 0, with the
+3. turbulence (`turbulence`), where laws transport it: implicit in ln X, so that X > 0; it also
+   gives the eddy viscosities and the dispersion, of the state before the step;
+4. momenta (`momenta`) of both phases with their drag in one matrix for all three components;
+5. pressure (`projection`): what the momenta leave of div(alpha_s u_s + alpha_g u_g) = 0, with the
    response of mass and drag alone, R = [[m_s/dt + beta, -beta], [-beta, m_g/dt + beta]]^-1;
    for a gas whose density follows the pressure (`compression`) that of the balance of its mass.
 

@@ -13,16 +13,15 @@ from fem_tfm.models.unsteady.levels import Levels
 from fem_tfm.models.unsteady.line import Line
 from fem_tfm.models.unsteady.state import (
     LONELY_FRACTION,
-    SLOPES,
     SMALLEST_FRACTION,
     SMALLEST_THETA,
-    TRANSPORT_TOLERANCE,
     Feed,
     Moment,
     Moved,
     Rates,
 )
-from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
+from fem_tfm.models.unsteady.transport import Transport
+from fem_tfm.solvers.cells import Array, CellMatrix
 
 
 class Agitation:
@@ -36,9 +35,9 @@ class Agitation:
     """
 
     def __init__(self, case: Case, line: Line, laws: CellLaws, matrix: CellMatrix) -> None:
-        self.line, self.laws, self.matrix = line, laws, matrix
+        self.line, self.laws = line, laws
         self._intensity = case.inlet.solids_intensity
-        self._krylov = Krylov(matrix, "transport", TRANSPORT_TOLERANCE)
+        self.transport = Transport(line, matrix)
 
     def warm(
         self,
@@ -72,7 +71,7 @@ class Agitation:
         grains = laws.grains(alpha, old.theta, replace(rates, dilation=dilation))
         if laws.laws.theta == "algebraic":
             return laws.balanced_theta(alpha, grains, rates.shear, beta)
-        own, inner, k = line.own, line.inner, grains.kinetic
+        own, k = line.own, grains.kinetic
         density = laws.solids.density
         mass = 1.5 * density * np.maximum(start.alpha[own], SMALLEST_FRACTION)
         inertia = mass * line.volume / levels.span
@@ -83,38 +82,24 @@ class Agitation:
         sink = k.dissipation / old.theta + 3 * beta + np.maximum(unit, 0.0)
         gain = work + np.maximum(-unit, 0.0) * old.theta
         energy = feed.inside.energy
-        spread = cells.mean(k.conductivity) * cells.reach
-        spread[cells.inner :] = 0.0
-        flux = 1.5 * density * moved.flux
-        ahead, back = np.maximum(flux, 0.0), np.maximum(-flux, 0.0)
-        inflow = cells.sum_out(back, ahead)
-        diagonal = inertia + sink[own] * line.volume + inflow + cells.add(spread)
+        diagonal = inertia + sink[own] * line.volume
         diagonal += np.maximum(-energy, 0.0) / old.theta[own] * line.volume
         rhs = inertia * start.theta[own] + (gain[own] + np.maximum(energy, 0.0)) * line.volume
-        if line.has_inlet:
-            entering = back[line.inlet] * (self._intensity * feed.solids_velocity) ** 2
-            cells.to_boundary("inlet", rhs, entering)
         if line.has_wall:
             heat = self._wall_heat(old, alpha, grains) * cells.size[line.wall]
             edge = cells.first[line.wall]
             cells.to_boundary("wall", rhs, np.maximum(heat, 0.0))
             cells.to_boundary("wall", diagonal, np.maximum(-heat, 0.0) / old.theta[edge])
-        self.matrix.set([diagonal], [(-(back + spread)[inner], -(ahead + spread)[inner])])
-        self._krylov.renew()
-        found, effort["theta"] = old.theta, 0
-        for _ in range(SLOPES if line.order else 1):
-            side = rhs
-            if line.order:
-                # no more than what is there leaves by slopes
-                gradient = cells.whole(cells.gradient(found))
-                beyond = line.beyond(flux, found, cells.mean(found)[inner], gradient)
-                beyond = cells.within(
-                    levels.linear * beyond, 0.5 * rhs, np.full(cells.owned, np.inf)
-                )
-                side = rhs - cells.sum(beyond)
-            found = cells.whole(self._krylov.solve(side, found[own]))
-            effort["theta"] += self._krylov.iterations
-        found = found[own]
+        found = self.transport.carry(
+            1.5 * density * moved.flux,
+            k.conductivity,
+            diagonal,
+            rhs,
+            old.theta[own],
+            entering=(self._intensity * feed.solids_velocity) ** 2,
+            linear=levels.linear if line.order else None,
+        )
+        effort["theta"] = self.transport.iterations
         # grains that are all but alone do not fly faster than the gas
         alone = alpha[own] < LONELY_FRACTION
         found[alone] = np.minimum(found[alone], line.speed**2)

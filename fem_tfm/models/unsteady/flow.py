@@ -42,6 +42,7 @@ from fem_tfm.models.unsteady.state import (
     Report,
     StepFailed,
 )
+from fem_tfm.models.unsteady.turbulence import Turbulence
 from fem_tfm.solvers.cells import Array, CellMatrix
 
 FAILURES = (SolverError, FloatingPointError, np.linalg.LinAlgError)
@@ -60,6 +61,7 @@ class Flow3D:
     line, laws : mesh and coefficients
     fraction, agitation, momenta, projection : parts of a step; the first two only with solids
     ideal : the gas, None where its density is constant
+    turbulence : what it makes, None where an algebraic law of the gas is all
     now, past : state, and what a step of second order takes from the one before it
     """
 
@@ -68,8 +70,11 @@ class Flow3D:
         self.gas, self.solids = case.gas_material, case.solids_material
         self.line, self.laws = Line(case, mesh), CellLaws(case)
         self.cells = self.line.cells
+        scalar = CellMatrix(self.cells)
+        self.turbulence = None
+        if Turbulence.is_needed(self.laws):
+            self.turbulence = Turbulence(case, self.line, self.laws, scalar)
         if self.solids is not None:
-            scalar = CellMatrix(self.cells)
             self.fraction = SolidsFraction(self.line, self.laws, scalar)
             self.agitation = Agitation(case, self.line, self.laws, scalar)
         self.ideal = IdealGas(case, self.line) if case.gas.compressible else None
@@ -95,6 +100,7 @@ class Flow3D:
             pushed=flux,
             response=flux,
             gained=flux,
+            scales=self.turbulence.start() if self.turbulence else {},
         )
         self.past: Past | None = None
         self.time, self.steps = 0.0, 0
@@ -170,8 +176,10 @@ class Flow3D:
         old, start, span = levels.expected, levels.start, levels.span_faces
         cells, effort = self.cells, {}
         moved, rates, beta, dragged = None, None, np.zeros(cells.count), None
-        at, compressed = old, None
+        at, stirred, compressed = old, None, None
         thickness = self.ideal.foresee(levels, dt) if self.ideal else None
+        if self.turbulence:
+            stirred = self.turbulence.stir(levels.now, thickness and thickness.now)
         if self.solids is not None:
             rates = self._expected_rates(levels)
             response = old.response
@@ -181,7 +189,11 @@ class Flow3D:
                     density = density * cells.mean(thickness.now)
                 drag = self._drag(old, thickness)
                 response = self.projection.response(old.alpha, drag, dt, density)[0]
-            moved = self.fraction.move(levels, response, rates, dt, feed, effort)
+                # the pressure of the solids acts from the first step on: what it bears must too
+                p_s = self.laws.solids_pressure(old.alpha, old.theta, rates)
+                borne = response * cells.size * self.momenta.weight_borne(old.alpha, p_s)
+                levels = replace(levels, start=replace(start, carried=start.carried + borne))
+            moved = self.fraction.move(levels, response, rates, dt, feed, effort, stirred)
             if self.past is not None:
                 lost = cells.sum(moved.flux) / self.line.volume - feed.inside.solids
                 before = moved.alpha[: cells.owned] + levels.span * lost
@@ -192,9 +204,12 @@ class Flow3D:
             at = replace(at, theta=theta)
             if thickness:
                 beta, dragged = self._steep_drag(at, beta, thickness)
+        if self.turbulence:
+            scales = self.turbulence.carry(levels.now, stirred, moved, dt, feed, effort)
+            at = replace(at, scales=scales)
         if self.ideal:
             compressed = self.ideal.compress(thickness, levels, moved, dt, feed)
-        phases = self.momenta.phases(at, levels, start, moved, rates, compressed)
+        phases = self.momenta.phases(at, levels, start, moved, rates, stirred, compressed)
         gaps, accelerated = self.momenta.forces(at, phases, feed)
         guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort, dragged)
         at = replace(at, u_s=start.u_s)
@@ -239,7 +254,7 @@ class Flow3D:
 
     def _drag(self, at: Moment, thickness: Thickness | None) -> Array:
         laws = self.laws.of(thickness.later) if thickness else self.laws
-        return laws.drag(at.alpha, at.u_g - at.u_s)
+        return laws.drag(at.alpha, at.u_g - at.u_s, self.line.gas_profile[0])
 
     def _steep_drag(self, at: Moment, beta: Array, thickness: Thickness) -> tuple[Array, Array]:
         """Slope of the drag with the slip, and what that has beyond the drag [N/m3].
@@ -247,8 +262,8 @@ class Flow3D:
         A gas that gives way follows its drag at once: with a foreseen beta alone, flow and drag
         would take turns.
         """
-        slip = at.u_g - at.u_s
-        steep = self.laws.of(thickness.later).steepness(at.alpha, slip, beta)
+        slip, laws = at.u_g - at.u_s, self.laws.of(thickness.later)
+        steep = laws.steepness(at.alpha, slip, self.line.gas_profile[0], beta)
         return beta + steep, steep[:, None] * slip
 
     # -- what others read ----------------------------------------------------------------------
@@ -272,8 +287,10 @@ class Flow3D:
 
     def _report(self, found: Moment, dt: float, effort: dict[str, int], masses: Masses) -> Report:
         cells, own = self.cells, slice(0, self.cells.owned)
-        for name in ("alpha", "theta", "p", "u_s", "u_g"):
-            if not np.isfinite(cells.largest(np.abs(getattr(found, name)[own]))):
+        values = {name: getattr(found, name) for name in OF_CELLS} | dict(found.scales)
+        for name, value in values.items():
+            # a sum is finite where all values are
+            if not np.isfinite(cells.total(value[own])):
                 raise SolverError(f"{name} is not finite")
         return Report(
             effort,
@@ -281,6 +298,7 @@ class Flow3D:
             cells.largest(found.theta[own]),
             dt * max(self._courant(found)),
             max(self._errors(found, masses).values()),
+            cells.largest(found.scales["k"][own]) if "k" in found.scales else 0.0,
         )
 
     def courant(self) -> tuple[float, float]:
@@ -289,8 +307,8 @@ class Flow3D:
 
     def _courant(self, at: Moment) -> tuple[float, float]:
         cells = self.cells
-        share = np.maximum(1 - cells.mean(at.alpha), SMALLEST_FRACTION)
-        gas = (at.total - cells.mean(at.alpha) * at.carried) / share
+        alpha = cells.mean(at.alpha)
+        gas = (at.total - alpha * at.carried) / np.maximum(1 - alpha, SMALLEST_FRACTION)
         rates = []
         for flux in (at.carried, gas):
             leaving = cells.sum_out(np.maximum(flux, 0.0), np.maximum(-flux, 0.0))
@@ -349,6 +367,7 @@ class Flow3D:
         found = {name: getattr(self.now, name)[own].copy() for name in OF_CELLS}
         for name, directed in OF_FACES.items():
             found[name] = cells.to_sides(getattr(self.now, name), directed)
+        found |= {name: values[own].copy() for name, values in self.now.scales.items()}
         of_cells, of_faces = self._names_of_past
         if self.past is not None:
             for name in of_cells:
@@ -372,6 +391,7 @@ class Flow3D:
         found = {name: cells.whole(np.asarray(state[name])) for name in OF_CELLS}
         for name, directed in OF_FACES.items():
             found[name] = cells.from_sides(np.asarray(state[name]), directed)
+        found["scales"] = {n: cells.whole(np.asarray(state[n])) for n in self.now.scales}
         self.now, self.past = Moment(**found), None
         if self.line.order and "before_dt" in state:
             of_cells, of_faces = self._names_of_past
@@ -390,6 +410,7 @@ class Flow3D:
         if self.solids is not None:
             arrays = {"alpha_s": self.now.alpha, "u_s": self.now.u_s, **arrays}
             arrays["theta"] = self.now.theta
+        arrays |= self.now.scales
         for name, values in arrays.items():
             if name not in self._functions:
                 shape = (3,) if values.ndim == 2 else ()

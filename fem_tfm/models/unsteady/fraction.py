@@ -9,7 +9,7 @@ from fem_tfm.errors import SolverError
 from fem_tfm.models.unsteady.laws import CellLaws
 from fem_tfm.models.unsteady.levels import Levels
 from fem_tfm.models.unsteady.line import Line
-from fem_tfm.models.unsteady.state import SLOPES, Feed, Moved, Rates
+from fem_tfm.models.unsteady.state import LONELY_FRACTION, SLOPES, Feed, Moved, Rates, Stirred
 from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
 
 # relative residual, change and iterations of Newton's method
@@ -42,6 +42,7 @@ class SolidsFraction:
         dt: float,
         feed: Feed,
         effort: dict[str, int],
+        stirred: Stirred | None = None,
     ) -> Moved:
         """Solids fraction after the step.
 
@@ -64,8 +65,14 @@ class SolidsFraction:
         alpha = np.maximum(old.alpha, 0.0)
         w = alpha / (limit - alpha)
 
+        lift, spread = 0.0, np.zeros(cells.faces)
+        if stirred is not None:
+            lift = 0.0 if stirred.normal is None else stirred.normal["k_s"]
+            if stirred.dispersion is not None:
+                spread[inner] = self._spread(levels, stirred)[inner]
+
         def pressure(alpha: Array) -> Array:
-            return self.laws.solids_pressure(alpha, theta, rates)
+            return self.laws.solids_pressure(alpha, theta, rates, lift)
 
         def stiffness(w: Array, p_s: Array) -> Array:
             step = 1e-7 * (1 + w)
@@ -81,11 +88,19 @@ class SolidsFraction:
         sound[: cells.owned] = (
             cells.add(ties) / rate * (stiff * alpha * (1 + w) ** 2)[: cells.owned]
         )
-        sound = np.max(cells.exchange(sound / limit)[np.stack([first, second])], axis=0)
+        sound = cells.exchange(sound / limit)
+        sound = np.maximum(sound.take(first), sound.take(second))
         flux = old.carried - old.pushed
-        carried_on = np.maximum(sound / (1 + sound), levels.trust[inner])
+        # what spreads further than a cell in a step is not carried on either
+        wide = np.zeros(cells.count)
+        wide[: cells.owned] = cells.add(spread) / rate
+        wide = np.max(cells.exchange(wide)[np.stack([first, second])], axis=0)
+        carried_on = np.maximum(sound / (1 + sound), levels.trust[inner] / (1 + wide**2))
         span = np.broadcast_to(levels.span_faces, cells.faces)[inner]
         flux[inner] += carried_on * span * old.gained[inner]
+        # what eddies have spread is there; what they will spread beyond it is found below
+        flux[inner] += spread[inner] * (alpha[second] - alpha[first])
+        spread[inner] *= share[inner]
         flux[line.inlet] = 0.0
         if feed.blocked:
             flux[line.outlet] = 0.0
@@ -99,10 +114,12 @@ class SolidsFraction:
 
         def fluxes(alpha: Array, p_s: Array) -> Array:
             # upwind by what the pressure leaves of the flux: grains at rest do not creep
-            moved = flux[inner] - push * (p_s[second] - p_s[first])
-            ahead[inner], back[inner] = np.maximum(moved, 0.0), np.maximum(-moved, 0.0)
+            moved = flux[inner] - push * (p_s.take(second) - p_s.take(first))
+            moved -= spread[inner] * (alpha.take(second) - alpha.take(first))
+            np.maximum(moved, 0.0, out=ahead[inner])
+            np.subtract(ahead[inner], moved, out=back[inner])
             found = np.empty(cells.faces)
-            found[inner] = ahead[inner] * alpha[first] - back[inner] * alpha[second]
+            found[inner] = ahead[inner] * alpha.take(first) - back[inner] * alpha.take(second)
             found[edge] = ahead[edge] * alpha[self._edges]
             found[line.inlet] = entering
             return found + levels.kept
@@ -120,16 +137,22 @@ class SolidsFraction:
                 raise SolverError("the solids fraction is not finite")
             if worst < RESIDUAL:
                 break
+            if iteration > 1:
+                stiff = stiffness(w, p_s)
             slope = limit / (1 + w) ** 2
-            ties[inner] = upwind = push * np.where(ahead[inner] > 0, alpha[first], alpha[second])
-            diagonal = (rate + cells.sum_out(ahead, back)) * slope[: cells.owned]
+            forward = ahead[inner] > 0
+            upwind = np.where(forward, alpha.take(first), alpha.take(second))
+            ties[inner] = spread[inner] * upwind
+            diagonal = (rate + cells.sum_out(ahead, back) + cells.add(ties)) * slope[: cells.owned]
+            wider = ties[inner].copy()
+            ties[inner] = upwind = push * upwind
             diagonal += cells.add(ties) * stiff[: cells.owned]
             self.matrix.set(
                 [diagonal],
                 [
                     (
-                        -back[inner] * slope[second] - upwind * stiff[second],
-                        -ahead[inner] * slope[first] - upwind * stiff[first],
+                        -(back[inner] + wider) * slope.take(second) - upwind * stiff.take(second),
+                        -(ahead[inner] + wider) * slope.take(first) - upwind * stiff.take(first),
                     )
                 ],
             )
@@ -143,7 +166,6 @@ class SolidsFraction:
             if cells.largest(np.abs(change) * slope[: cells.owned]) < CHANGE:
                 through = fluxes(alpha, p_s) + beyond
                 break
-            stiff = stiffness(w, p_s)
         else:
             raise SolverError("Newton's method of the solids fraction does not converge")
         alpha = old.alpha[: cells.owned] - cells.sum(through) / rate + dt * added
@@ -158,11 +180,30 @@ class SolidsFraction:
         flux = (through - levels.kept) / share
         return Moved(cells.whole(alpha), flux, through, added, p_s, dilation)
 
+    def _spread(self, levels: Levels, stirred: Stirred) -> Array:
+        """Volume flux over -(difference of alpha_s) by which faces follow dispersion [m3/s].
+
+        With m = a rho/dt of the phases a force F on the solids and -F on the gas, which fill the
+        volume together, move the solids by u_s = a_g F/(a_g^2 m_s + a_s^2 m_g + beta).
+        """
+        cells, laws = self.line.cells, self.laws
+        alpha = cells.mean(levels.now.alpha)
+        void, span = 1 - alpha, levels.span_faces
+        gas = laws.gas.density
+        if stirred.relative is not None:
+            gas = gas * cells.mean(stirred.relative)
+        inertia = laws.solids.density * void + gas * alpha
+        hold = alpha * void * inertia / span + cells.mean(stirred.drag)
+        return void / hold * cells.mean(stirred.dispersion) * cells.reach
+
     def _beyond(self, moved: Array, alpha: Array, levels: Levels, rate: Array) -> Array:
         """What slopes in the cells add to the upwind fluxes, within the bounds of the fraction."""
         line, cells = self.line, self.line.cells
         gradient = cells.whole(cells.gradient(alpha))
-        found = levels.linear * line.beyond(moved, alpha, cells.mean(alpha)[line.inner], gradient)
+        # a surface is as sharp as its cells: no slope reaches over it into a void
+        void = cells.mean((alpha < LONELY_FRACTION).astype(float)) > 0
+        linear = np.where(void, 0.0, levels.linear)
+        found = linear * line.beyond(moved, alpha, cells.mean(alpha)[line.inner], gradient)
         held = levels.start.alpha[line.own] - cells.sum(levels.kept) / rate
         room = self.laws.solids.packing_limit - held
         return cells.within(found, MOST_OF_ROOM * rate * held, MOST_OF_ROOM * rate * room)

@@ -8,8 +8,9 @@ neighbours or matrices.
 from __future__ import annotations
 
 import copy
-from dataclasses import dataclass
-from typing import Self
+import math
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 
@@ -75,11 +76,20 @@ class CellLaws:
         self.laws, self.walls = case.closures, case.walls
         self.speed = case.operation.gas_superficial_velocity
         self.width = case.geometry.hydraulic_diameter
+        self.gap = case.walls.grain_gap * (self.solids.diameter if self.solids else 0.0)
 
     def of(self, relative: Array) -> Self:
         """The laws in cells where the gas has this density over that of the case [-]."""
         found = copy.copy(self)
         found.gas = LocalGas(relative * self.gas.density, self.gas.viscosity)
+        return found
+
+    def within(self, which: Any) -> Self:
+        """The laws in some of the cells in which these hold."""
+        if not isinstance(self.gas, LocalGas):
+            return self
+        found = copy.copy(self)
+        found.gas = replace(self.gas, density=self.gas.density[which])
         return found
 
     # -- solids --------------------------------------------------------------------------------
@@ -91,32 +101,37 @@ class CellLaws:
         shear = np.einsum("nij,nij->n", strain, strain) - trace**2 / 3
         return Rates(gradient, np.maximum(shear, 0.0), dilation)
 
-    def solids_pressure(self, alpha: Array, theta: Array, rates: Rates) -> Array:
-        """p_s of kinetic theory and friction [Pa]."""
+    def solids_pressure(
+        self, alpha: Array, theta: Array, rates: Rates, lift: Array | float = 0.0
+    ) -> Array:
+        """p_s of kinetic theory and friction, and of a normal stress `lift` over a rho_s [Pa]."""
         laws, solids = self.laws, self.solids
         alpha = np.maximum(alpha, 0.0)
         g0 = laws.radial.g0(alpha, solids)
         kinetic = laws.granular.pressure(alpha, theta, g0, solids)
         friction = laws.friction.stress(alpha, theta, rates.shear, rates.dilation, solids)
-        return kinetic + friction.pressure
+        return kinetic + friction.pressure + alpha * solids.density * lift
 
     def grains(self, alpha: Array, theta: Array, rates: Rates) -> Grains:
         """Coefficients of kinetic theory and friction."""
         laws, solids = self.laws, self.solids
         alpha = np.maximum(alpha, 0.0)
-        g0 = laws.radial.g0(alpha, solids)
-        kinetic = laws.granular.coefficients(alpha, theta, g0, solids, self.width)
-        # its square leaves less to diffuse through a void than moves there: fewer iterations
-        fade = alpha**2 / (alpha**2 + FADING_FRACTION**2)
-        kinetic = kinetic._replace(
-            shear_viscosity=fade * kinetic.shear_viscosity,
-            conductivity=fade * kinetic.conductivity,
-        )
+        g0, kinetic = self.kinetic(alpha, theta)
         friction = laws.friction.stress(alpha, theta, rates.shear, rates.dilation, solids)
         cap = MOST_VISCOUS * solids.density * self.speed * self.width
         zero = np.zeros_like(alpha)
         viscosity = np.minimum(zero + friction.viscosity, cap)
         return Grains(kinetic, g0, zero + friction.pressure, viscosity)
+
+    def kinetic(self, alpha: Array, theta: Array) -> tuple[Array, Kinetic]:
+        """g0 and the coefficients of kinetic theory, at alpha >= 0."""
+        g0 = self.laws.radial.g0(alpha, self.solids)
+        found = self.laws.granular.coefficients(alpha, theta, g0, self.solids, self.width)
+        # its square leaves less to diffuse through a void than moves there: fewer iterations
+        fade = alpha**2 / (alpha**2 + FADING_FRACTION**2)
+        return g0, found._replace(
+            shear_viscosity=fade * found.shear_viscosity, conductivity=fade * found.conductivity
+        )
 
     def balanced_theta(self, alpha: Array, grains: Grains, shear: Array, beta: Array) -> Array:
         """Granular temperature where production equals dissipation and drag [m2/s2]."""
@@ -128,27 +143,67 @@ class CellLaws:
 
     # -- between the phases, and gas -----------------------------------------------------------
 
-    def drag(self, alpha: Array, slip: Array) -> Array:
-        """beta [kg/m3/s] at u_g - u_s (cells, 3) [m/s]."""
+    def slip_speed(self, slip: Array) -> Array:
+        """|u_g - u_s| of the difference (cells, 3), kept off zero [m/s]."""
         floor = SLIP_FLOOR * self.speed
-        speed = np.sqrt(np.einsum("ni,ni->n", slip, slip) + floor**2)
-        return self.laws.drag.beta(
-            np.maximum(alpha, SMALLEST_FRACTION), speed, self.gas, self.solids
-        )
+        return np.sqrt(np.einsum("ni,ni->n", slip, slip) + floor**2)
 
-    def steepness(self, alpha: Array, slip: Array, beta: Array) -> Array:
+    def drag(self, alpha: Array, slip: Array, distance: Array) -> Array:
+        """beta [kg/m3/s] at u_g - u_s (cells, 3) [m/s] and a distance to the wall [m].
+
+        It fades as y^2/(y^2 + gap^2) next to the wall, which the grains' centres cannot reach.
+        """
+        found = self.laws.drag.beta(
+            np.maximum(alpha, SMALLEST_FRACTION), self.slip_speed(slip), self.gas, self.solids
+        )
+        return found * distance**2 / (distance**2 + self.gap**2) if self.gap else found
+
+    def steepness(self, alpha: Array, slip: Array, distance: Array, beta: Array) -> Array:
         """|u| d(beta)/d|u| [kg/m3/s] at u = u_g - u_s (cells, 3) [m/s], of which beta is known."""
-        rise = (self.drag(alpha, (1 + SLIP_STEP) * slip) - beta) / SLIP_STEP
+        rise = (self.drag(alpha, (1 + SLIP_STEP) * slip, distance) - beta) / SLIP_STEP
         return np.maximum(rise, 0.0)
 
-    def gas_viscosity(self, gradient: Array, distance: Array) -> Array:
-        """mu_g + mu_t [Pa s] at grad u_g (cells, 3, 3) [1/s] and a distance to the wall [m]."""
+    def gas_viscosity(self, gradient: Array, height: Array, slope: Array) -> Array:
+        """Viscosity [Pa s] that the profile at height y' [m] shows at grad u_g [1/s].
+
+        (mu_g + mu_t)/(dy'/dy); grad u_g (cells, 3, 3), slope dy'/dy
+        """
+        eddies = self.eddies(gradient, height, slope)
+        return (self.gas.viscosity + self.laws.turbulence.viscosity(eddies)) / slope
+
+    def eddies(
+        self,
+        gradient: Array,
+        height: Array,
+        slope: Array | float,
+        k: Array | None = None,
+        eps: Array | None = None,
+    ) -> Eddies:
+        """What a law of turbulence sees of a phase, at the gradient of its velocity [1/s].
+
+        height, slope : y' [m] and dy'/dy of its profile
+        """
         strain = (gradient + np.swapaxes(gradient, 1, 2)) / 2
-        trace = np.einsum("nii->n", strain)
-        shear = 2 * (np.einsum("nij,nij->n", strain, strain) - trace**2 / 3)
-        rate = np.sqrt(np.maximum(shear, 0.0) + (SHEAR_FLOOR * self.speed / self.width) ** 2)
-        eddies = Eddies(rate, distance, self.gas, self.width / 2)
-        return self.gas.viscosity + self.laws.turbulence.viscosity(eddies)
+        third = np.einsum("nii->n", strain) / 3
+        shear = 2 * (np.einsum("nij,nij->n", strain, strain) - 3 * third**2)
+        shear = np.maximum(shear, 0.0) + (SHEAR_FLOOR * self.speed / self.width) ** 2
+        found = Eddies(np.sqrt(shear) / slope, height, self.gas, self.width / 2)
+        if k is None:
+            return found
+        d = gradient
+        turn = (d[:, 0, 1] - d[:, 1, 0]) ** 2 + (d[:, 0, 2] - d[:, 2, 0]) ** 2
+        turn = (turn + (d[:, 1, 2] - d[:, 2, 1]) ** 2) / 2
+        # S_ij S_jk S_ki = 3 det S without trace
+        xx, yy, zz = (strain[:, i, i] - third for i in range(3))
+        xy, xz, yz = strain[:, 0, 1], strain[:, 0, 2], strain[:, 1, 2]
+        det = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz)
+        return replace(
+            found,
+            spin=np.sqrt(shear / 2 + turn) / slope,
+            skewness=3 * math.sqrt(6) * det / (shear / 2) ** 1.5,
+            k=k,
+            eps=eps,
+        )
 
     # -- walls ---------------------------------------------------------------------------------
 
@@ -173,7 +228,9 @@ class CellLaws:
         """c [Pa s/m] of the traction -c u of a wall on the solids."""
         return np.zeros_like(state.slip) + self.walls.solids.friction(state, self.solids)
 
-    def gas_friction(self, void: Array, slip: Array, height: Array) -> Array:
+    def gas_friction(
+        self, void: Array | float, slip: Array, height: Array, k: Array | None = None
+    ) -> Array:
         """c [Pa s/m] of the traction -c u of a wall on gas of a speed found at a height [m]."""
-        c = self.walls.gas.coefficient(GasWallState(slip, height, self.gas))
+        c = self.walls.gas.coefficient(GasWallState(slip, height, self.gas, k))
         return void * (np.zeros_like(slip) + c)

@@ -6,13 +6,18 @@ from __future__ import annotations
 import numpy as np
 
 from fem_tfm.case import Case
+from fem_tfm.closures.walls import GasWall
 from fem_tfm.feed import power_law
 from fem_tfm.mesh import Mesh
 from fem_tfm.solvers.cells import Array, Cells
 
 # differences below this share of a scale, for cells as wide as the line, are not limited
 SMOOTH = 0.3
+# a wall whose normal has a smaller part along the axis is a side of the line, not an end
+ALONG = 0.7
 PARTS = ("inlet", "outlet", "wall", "symmetry")
+# share of the wall law's distance that stands for no stretching
+SHORTEST = 1e-9
 
 
 class Line:
@@ -33,6 +38,9 @@ class Line:
     has_outlet : whether it has a face
     normal (faces, 3), normal_slope (faces) : unit normal; 1/distance along it [1/m]
     open (faces) : 1 on faces that a phase can pass without being fed, else 0
+    distance : of the cells to the wall of the mesh [m]
+    gas_profile : height y' of the gas's profile that the cells carry [m], and dy'/dy
+    wall_height : at which the wall law meets the gas of the wall's cells [m]
     profile : normal velocity of what enters over its mean, on the faces of the inlet [-]
     order : 0, upwind, or 1, limited linear
     speed, width : scales of the flow [m/s], [m]
@@ -56,10 +64,30 @@ class Line:
         self.open[: cells.inner] = 1.0
         self.open[self.outlet] = 1.0
         self.reconstruct = cells.reconstruction(["inlet"] if self.has_inlet else [])
+        self.distance = self._distance()
+        law, offset = case.walls.gas, case.wall_distance
+        self.gas_profile = _stretched(law, self.distance, offset)
+        self.wall_height = _wall_height(law, 1 / self.normal_slope[self.wall], offset, self.width)
         self.profile = self._inlet_profile(case)
         # extrema of smooth values are lower than this in fine cells
         reach = np.linalg.norm(cells.apart[: cells.inner], axis=1)
         self._small = SMOOTH * (reach / self.width) ** 1.5
+
+    def _distance(self) -> Array:
+        """Distance to the wall less that of the straight faces themselves (collective).
+
+        Where the wall is curved they are nearer by more than a thin cell's height.
+        """
+        cells, mesh = self.cells, self.mesh
+        found, middle = mesh.distance_at(cells.centre), cells.middle[self.wall]
+        across = np.einsum("ij,ij->i", mesh.axis(middle), self.normal[self.wall])
+        size = cells.size[self.wall] * (np.abs(across) < ALONG)
+        area = cells.total(size)
+        if area == 0:
+            return found
+        sagitta = cells.total(mesh.distance_at(middle) * size) / area
+        thinnest = -cells.largest(-1 / self.normal_slope[self.wall])
+        return np.maximum(found - sagitta, thinnest / 2)
 
     def _inlet_profile(self, case: Case) -> Array:
         cells = self.cells
@@ -92,3 +120,19 @@ class Line:
     def little(self, value: float) -> float:
         """Norm of a vector with `value` in every cell."""
         return value * self.cells.map.size_global**0.5
+
+
+def _stretched(law: GasWall, distance: Array, offset: float) -> tuple[Array, Array]:
+    """Height y' [m] of the profile that points off the wall carry, and dy'/dy."""
+    height, slope = law.stretched(distance, offset)
+    return height, np.zeros_like(distance) + slope
+
+
+def _wall_height(law: GasWall, distance: Array, offset: float, diameter: float) -> Array:
+    """Height [m] at which the law meets gas `distance` off the wall.
+
+    The law makes up for the flux that its stretched strip adds, here for what is within the cell.
+    """
+    height, _ = _stretched(law, distance, offset)
+    added = np.maximum(height - distance, SHORTEST * offset)
+    return height * law.height(added, diameter) / added

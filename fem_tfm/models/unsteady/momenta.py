@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,7 +21,9 @@ from fem_tfm.models.unsteady.state import (
     Moved,
     Phase,
     Rates,
+    Stirred,
 )
+from fem_tfm.models.unsteady.weight import Weight
 from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
 
 # residual that ends the solver, over U in every cell
@@ -56,12 +58,12 @@ class Momenta:
         self.line, self.laws, self._lifted = line, laws, lifted
         # rises along the normals, for the weight of a phase [m/s2]
         self._weight = line.normal @ gravity
+        if laws.solids is not None:
+            self._solids_weight = Weight(line, gravity, laws.solids.density - lifted)
         self._area, self._skew = (
             np.ascontiguousarray(vectors[line.inner].T)
             for vectors in (line.cells.area, line.cells.skew)
         )
-        self._height = 1 / line.normal_slope[line.wall]
-        self._distance = line.mesh.distance_at(line.cells.centre)
         self._matrix = CellMatrix(line.cells, 1 if laws.solids is None else 2)
         self._krylov = Krylov(self._matrix, "transport", TRANSPORT_TOLERANCE)
 
@@ -74,21 +76,46 @@ class Momenta:
         start: Moment,
         moved: Moved | None,
         rates: Rates,
+        stirred: Stirred | None = None,
         compressed: Compressed | None = None,
     ) -> list[Phase]:
         """Phases that step from `start`, the gas last, with coefficients of `at`.
 
+        stirred : what turbulence does, None where an algebraic law of the gas is all
         compressed : the gas, None where its density is constant
         """
-        gas = self._gas(at, levels, start, moved, compressed)
-        return [gas] if moved is None else [self._solids(at, levels, start, moved, rates), gas]
+        if moved is None:
+            alone = np.ones(self.line.cells.faces)
+            return [self._gas(at, levels, start, moved, alone, stirred, compressed)]
+        solids = self._solids(at, levels, start, moved, rates, stirred)
+        gas = self._gas(at, levels, start, moved, 1 - solids.share, stirred, compressed)
+        if stirred is None or stirred.dispersion is None:
+            return [solids, gas]
+        force = self._dispersed(at, stirred)
+        return [replace(solids, dispersed=-force), replace(gas, dispersed=force)]
+
+    def _dispersed(self, at: Moment, stirred: Stirred) -> Array:
+        """Force on the gas by which eddies spread the solids, along the normals of faces [N/m3]."""
+        cells, inner, alpha = self.line.cells, self.line.inner, at.alpha
+        force = np.zeros(cells.faces)
+        rise = alpha[cells.second] - alpha[cells.first[inner]]
+        force[inner] = cells.mean(stirred.dispersion)[inner] * rise * self.line.normal_slope[inner]
+        return force
 
     def _solids(
-        self, at: Moment, levels: Levels, start: Moment, moved: Moved, rates: Rates
+        self,
+        at: Moment,
+        levels: Levels,
+        start: Moment,
+        moved: Moved,
+        rates: Rates,
+        stirred: Stirred | None,
     ) -> Phase:
         laws, line = self.laws, self.line
         grains = laws.grains(at.alpha, at.theta, rates)
         mu = grains.kinetic.shear_viscosity + grains.mu_f
+        if stirred is not None:
+            mu = mu + np.maximum(at.alpha, 0.0) * laws.solids.density * stirred.nu_s
         edge, wall = line.cells.first[line.wall], line.wall
         if laws.walls.solids.strong:
             traction = mu[edge] * line.cells.reach[wall]
@@ -96,12 +123,15 @@ class Momenta:
             slip = laws.slip(at.u_s[edge], line.normal[wall])
             state = laws.wall_state(at.alpha, at.theta, grains, slip, edge)
             traction = laws.solids_friction(state) * line.cells.size[wall]
+        bearing = self._solids_weight.bear(at.alpha, moved.pressure)
+        # what a void lacks of the smallest fraction moves with the gas
+        absent = np.clip(1 - start.alpha / SMALLEST_FRACTION, 0.0, 1.0)[:, None]
         return Phase(
             name="solids",
             density=Density.constant(laws.solids.density),
             fraction=at.alpha,
             before=start.alpha,
-            velocity=start.u_s,
+            velocity=start.u_s + absent * (start.u_g - start.u_s),
             present=levels.now.u_s,
             flux=moved.flux,
             viscosity=mu,
@@ -109,6 +139,8 @@ class Momenta:
             gradient=rates.gradient,
             traction=traction,
             pressure=moved.pressure,
+            share=bearing.share,
+            bearing=bearing,
         )
 
     def _gas(
@@ -117,20 +149,27 @@ class Momenta:
         levels: Levels,
         start: Moment,
         moved: Moved | None,
+        share: Array,
+        stirred: Stirred | None,
         compressed: Compressed | None,
     ) -> Phase:
         laws, line, cells = self.laws, self.line, self.line.cells
         edge, wall = cells.first[line.wall], line.wall
-        density, beside = Density.constant(laws.gas.density), laws
+        density = Density.constant(laws.gas.density)
         if compressed is not None:
-            density, relative = compressed.density, compressed.relative
-            laws, beside = laws.of(relative), laws.of(relative[edge])
-        gradient = cells.whole(cells.gradient(levels.now.u_g))
+            density, laws = compressed.density, laws.of(compressed.relative)
         void = 1 - at.alpha
-        mu = laws.gas_viscosity(gradient, self._distance)
-        if levels.past is not None:
-            before = cells.whole(cells.gradient(levels.past.u_g))
-            mu = levels.grown(mu, laws.gas_viscosity(before, self._distance))
+        if stirred is None:
+            gradient = cells.whole(cells.gradient(levels.now.u_g))
+            mu = laws.gas_viscosity(gradient, *line.gas_profile)
+            if levels.past is not None:
+                before = cells.whole(cells.gradient(levels.past.u_g))
+                mu = levels.grown(mu, laws.gas_viscosity(before, *line.gas_profile))
+        else:
+            gradient, mu = (
+                stirred.gradient,
+                (laws.gas.viscosity + stirred.mu_t) / line.gas_profile[1],
+            )
         mu = void * mu
         flux = at.total - (0.0 if moved is None else moved.flux)
         flux[line.inlet] = 0.0
@@ -139,7 +178,16 @@ class Momenta:
         else:
             # found at the centre of the wall's cells
             slip = laws.slip(at.u_g[edge], line.normal[wall])
-            traction = beside.gas_friction(void[edge], slip, self._height) * cells.size[wall]
+            k = at.scales["k"][edge] if "k" in at.scales else None
+            beside = laws.within(edge)
+            friction = beside.gas_friction(void[edge], slip, line.wall_height, k)
+            traction = friction * cells.size[wall]
+        steeper = None
+        if stirred is None and (mu > laws.gas.viscosity).any():
+            steeper = self._steeper(mu, void, levels, laws)
+        eddies = None
+        if stirred is not None and stirred.normal is not None:
+            eddies = void * laws.gas.density * stirred.normal["k"]
         return Phase(
             name="gas",
             density=density,
@@ -152,10 +200,37 @@ class Momenta:
             bulk=np.zeros_like(mu),
             gradient=gradient,
             traction=traction,
-            pressure=None,
+            pressure=eddies,
+            share=share,
+            bearing=None,
+            steeper=steeper,
         )
 
+    def _steeper(self, viscosity: Array, void: Array, levels: Levels, laws: CellLaws) -> Array:
+        """Growth of the stress with the shear beyond mu S, of faces [kg/s].
+
+        mu_t of a mixing length grows with S. With that of the state before the step S_new S_old is
+        what the stress makes it, and where inertia does not hold S it swings for ever. As much
+        again in the matrix, less what that adds at the velocities before, is Newton's step.
+        """
+        cells, inner = self.line.cells, self.line.inner
+        eddy = np.maximum(viscosity - void * laws.gas.viscosity, 0.0)
+        found = np.zeros(cells.faces)
+        eddy = (cells.mean(eddy) * cells.reach)[inner]
+        inertia = cells.mean(void * laws.gas.density * cells.volume) / levels.span_faces
+        found[inner] = eddy**2 / (eddy + inertia[inner])
+        return found
+
     # -- forces --------------------------------------------------------------------------------
+
+    def weight_borne(self, alpha: Array, p_s: Array) -> Array:
+        """Weight of the solids along normals, no more than p_s bears [N/m3] (collective)."""
+        line, cells, inner = self.line, self.line.cells, self.line.inner
+        share = self._solids_weight.bear(alpha, p_s).share
+        weight = share * (self.laws.solids.density - self._lifted) * self._weight
+        rise = np.zeros(cells.faces)
+        rise[inner] = (p_s[cells.second] - p_s[cells.first[inner]]) * line.normal_slope[inner]
+        return np.clip(weight, np.minimum(rise, 0.0), np.maximum(rise, 0.0))
 
     def forces(
         self, at: Moment, phases: list[Phase], feed: Feed
@@ -171,19 +246,27 @@ class Momenta:
         slope[line.outlet] = -at.p[cells.first[line.outlet]] * line.normal_slope[line.outlet]
         gaps, accelerated = [], []
         for phase in phases:
-            share = np.maximum(cells.mean(phase.fraction), SMALLEST_FRACTION)
-            force = -share * slope
-            force += share * (phase.density.faces - self._lifted) * self._weight
+            # a void has no weight
+            force = -phase.share * slope
+            force += phase.share * (phase.density.faces - self._lifted) * self._weight
             if phase.pressure is not None:
                 p_s = phase.pressure
                 force[inner] -= (p_s[second] - p_s[first]) * line.normal_slope[inner]
+            if phase.dispersed is not None:
+                force += phase.dispersed
             force *= line.open
             if phase.name == "solids" and feed.blocked:
                 force[line.outlet] = 0.0
-            mass = phase.density.faces * share
-            vector = cells.whole(line.reconstruct(force / mass))
-            average = cells.flux(vector) / cells.size
-            gaps.append(force - mass * average * line.open)
+            mass = phase.density.faces * np.maximum(phase.share, SMALLEST_FRACTION)
+            if phase.bearing is None:
+                vector = cells.whole(line.reconstruct(force / mass))
+                average = mass * (cells.flux(vector) / cells.size)
+            else:
+                vector = cells.whole(line.reconstruct(force / mass, phase.bearing.counts))
+                held = np.maximum(phase.fraction, SMALLEST_FRACTION)
+                average = self._solids_weight.mean_force(phase.bearing, held, vector)
+                average *= phase.density.faces
+            gaps.append(force - average * line.open)
             accelerated.append(vector)
         return gaps, accelerated
 
@@ -269,6 +352,8 @@ class Momenta:
         ahead, back = np.maximum(flux, 0.0), np.maximum(-flux, 0.0)
         spread = cells.mean(phase.viscosity) * cells.reach
         spread[cells.inner :] = 0.0
+        if phase.steeper is not None:
+            spread += phase.steeper
         diagonal = inertia + cells.sum_out(back, ahead) + cells.add(spread)
         side = inertia[:, None] * phase.velocity[own]
         mass = density.cells * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
@@ -293,6 +378,12 @@ class Momenta:
     def _lagging(self, phase: Phase, velocity: Array, gradient: Array, levels: Levels) -> Array:
         """Force on the owned cells that the matrix does not hold, of a known velocity [N]."""
         line, found = self.line, self._stress(phase, gradient)
+        cells, inner = line.cells, line.inner
+        if phase.steeper is not None:
+            known = np.zeros((cells.faces, 3))
+            rise = velocity[cells.first[inner]] - velocity[cells.second]
+            known[inner] = phase.steeper[inner, None] * rise
+            found = found + cells.sum(known)
         if not line.order:
             return found
         flux = levels.linear * phase.density.carried * phase.flux

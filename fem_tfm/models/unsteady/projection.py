@@ -75,7 +75,7 @@ class Projection:
             the linear solver does not converge.
         """
         line, cells, inner = self.line, self.line.cells, self.line.inner
-        shares = [cells.mean(phase.fraction) for phase in phases]
+        shares = [phase.share for phase in phases]
         if len(phases) == 2:
             ss, sg, gg = self.response(at.alpha, beta, dt, phases[-1].density.faces)
             response = [[ss, sg], [sg, gg]]

@@ -4,12 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 
 from fem_tfm.errors import SolverError
 from fem_tfm.solvers.cells import Array
+
+type Places = npt.NDArray[np.intp]
 
 # a phase that is not there moves as one of this fraction; a void has this granular temperature
 SMALLEST_FRACTION, SMALLEST_THETA = 1e-9, 1e-12
@@ -80,6 +83,7 @@ class Report:
     iterations : of each equation
     courant : largest share of a cell that leaves it in the step [-]
     mass_error : relative errors of the masses of solids and gas since the start
+    max_k : turbulent energy of the gas [m2/s2], 0 where no law transports it
     """
 
     iterations: Mapping[str, int]
@@ -87,6 +91,7 @@ class Report:
     max_theta: float
     courant: float
     mass_error: float
+    max_k: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,7 @@ class Moment:
     carried : volume flux of the solids by u_s.S, its share that their pressure pushes is `pushed`
     response : R_ss on faces, [m3 s/kg]
     gained : what u_s of the cells has gained on faces in the last step, in a second [m3/s2]
+    scales : of the turbulence that laws transport, in cells: k [m2/s2], eps [m2/s3], k_s, eps_s
     """
 
     alpha: Array
@@ -111,6 +117,7 @@ class Moment:
     pushed: Array
     response: Array
     gained: Array
+    scales: Mapping[str, Array] = field(default_factory=dict)
 
 
 # names in a Moment, and whether a value on faces has their direction
@@ -185,6 +192,49 @@ class Density:
 
 
 @dataclass(frozen=True)
+class Stirred:
+    """What the turbulence of a state does to both phases; arrays over all cells.
+
+    gradient : of u_g [1/s]
+    mu_t : eddy viscosity of the gas [Pa s]
+    nu_s : of the solids [m2/s]
+    dispersion : c of the force c grad alpha_s by which eddies spread the solids, on the gas, and
+        the opposite on them [Pa]; None without any
+    drag : beta [kg/m3/s], where there is dispersion
+    normal : normal stress of the eddies over a rho, of "k" and "k_s" [m2/s2]; None without any
+    spread, rate, stiffness : of each scale X that is transported: diffusivity [m2/s], sources over
+        X [1/s], and how fast they fall with ln X [1/s]
+    relative : density of the gas over that of the case [-], None where it is constant
+    """
+
+    gradient: Array
+    mu_t: Array
+    nu_s: Array | float
+    dispersion: Array | None
+    drag: Array | None
+    normal: Mapping[str, Array] | None
+    spread: Mapping[str, Array]
+    rate: Mapping[str, Array]
+    stiffness: Mapping[str, Array]
+    relative: Array | None = None
+
+
+@dataclass(frozen=True)
+class Bearing:
+    """How faces bear the solids of their two cells.
+
+    share (faces) : solids fraction that they bear [-]
+    counts : faces that do not count in full for one of their cells, on which side it is, 0 for the
+        first cell, and how much they count
+    moved : faces, cells and the fraction of these that the faces bear beyond interpolation
+    """
+
+    share: Array
+    counts: tuple[Places, Places, Array]
+    moved: tuple[Places, Places, Array]
+
+
+@dataclass(frozen=True)
 class Phase:
     """One phase in a step; arrays over all cells unless said otherwise.
 
@@ -194,7 +244,11 @@ class Phase:
     gradient : of `present` [1/s]
     viscosity, bulk : of the whole phase [Pa s]
     traction : friction of the faces of the wall [kg/s]
-    pressure : p_s [Pa], None for the gas
+    pressure : p_s, or that of the gas's eddies [Pa]; None where the phase has none of its own
+    share (faces) : fraction that faces bear
+    bearing : how faces bear the solids, None for the gas
+    dispersed : force by which eddies spread the solids, along normals of faces [N/m3], or None
+    steeper (faces) : how much more than viscosity the stress grows with the shear [kg/s], or None
     """
 
     name: str
@@ -209,3 +263,7 @@ class Phase:
     gradient: Array
     traction: Array
     pressure: Array | None
+    share: Array
+    bearing: Bearing | None
+    dispersed: Array | None = None
+    steeper: Array | None = None

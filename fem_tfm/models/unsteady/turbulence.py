@@ -1,0 +1,363 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Turbulence of a step: k and epsilon of the gas, and of the solids, where laws transport them.
+
+The laws give diffusivity D and rate r of each scale X, dX/dt = ... + r X. With q = dt r/(1 + dt s),
+the step of the implicit Euler method for ln X, and s the slope by which r falls with ln X, X obeys
+
+    a (dt r/(e^q - 1)) (X - e^q X_0)/dt + a u.grad X = div(a D grad X)
+
+which X_0 fulfils where it is steady, and which carries a positive X to a positive one at any step.
+Where the density of the gas follows the pressure, a is the share of its mass, a rho_g/rho_ref.
+It is of first order in space and time. Coefficients are those of the state before the step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from fem_tfm.case import Case
+from fem_tfm.closures.dispersed import GasEddies, Grains
+from fem_tfm.closures.turbulence import Balance, Eddies
+from fem_tfm.models.unsteady.laws import CellLaws
+from fem_tfm.models.unsteady.line import Line
+from fem_tfm.models.unsteady.state import SMALLEST_FRACTION, Feed, Moment, Moved, Stirred
+from fem_tfm.models.unsteady.transport import Transport
+from fem_tfm.solvers.cells import Array, CellMatrix
+
+# turbulent energy that grains leave to the gas, over U^2
+K_FLOOR = 2.5e-4
+# intensity below which no turbulence falls, with eddies as wide as the line
+LEAST_INTENSITY = 1e-5
+# largest step of ln X
+LARGEST_STEP = 5.0
+# the slope of a rate is taken where ln k and ln eps rise by these: along this way the eddies become
+# fewer and smaller, so that every sink and what pulls eps to the wall's value count
+SMALL_RISE = {"k": 1e-5, "eps": 2.5e-5}
+# shear by which a law's viscosity is found anew in the wall's cells
+SMALLEST_CHANGE = 1e-12
+
+
+class Turbulence:
+    """Makes, carries and destroys the turbulence of both phases, and spreads the solids by it.
+
+    Parameters
+    ----------
+    case : what enters
+    line, laws : mesh and coefficients
+    matrix : scalar matrix, whose values are overwritten
+    """
+
+    def __init__(self, case: Case, line: Line, laws: CellLaws, matrix: CellMatrix) -> None:
+        self.line, self.laws, self.inlet = line, laws, case.inlet
+        self.gas_law, self.dispersed = laws.laws.turbulence, laws.laws.dispersed
+        self._of_gas = _plain(self.gas_law.transported)
+        self._of_solids = _plain(self.dispersed.transported) if laws.solids else ()
+        self.transport = Transport(line, matrix)
+        self._edges = np.unique(line.cells.first[line.wall])
+        self._height = line.wall_height
+        self._floors = {}
+        for phase in ("gas", "solids") if self._of_solids else ("gas",):
+            self._floors |= self._estimate(phase, laws.speed, LEAST_INTENSITY, laws.width)
+
+    @staticmethod
+    def is_needed(laws: CellLaws) -> bool:
+        """Whether there is more than an algebraic viscosity of the gas."""
+        found = laws.laws
+        return bool(
+            found.turbulence.transported
+            or (laws.solids and (found.dispersed.needs_k or found.dispersion.name != "none"))
+        )
+
+    def start(self) -> dict[str, Array]:
+        """Turbulence of the intensity of what enters, in all cells."""
+        found = self._entering("gas", self.laws.speed)
+        if self._of_solids:
+            found |= self._entering("solids", self.laws.speed)
+        return {name: np.full(self.line.cells.count, value) for name, value in found.items()}
+
+    def _entering(self, phase: str, speed: float) -> dict[str, float]:
+        """Scales of what enters of a phase at a mean speed [m/s]."""
+        given, laws = self.inlet, self.laws
+        intensity = given.gas_intensity if phase == "gas" else given.solids_intensity
+        speed = max(speed, LEAST_INTENSITY * laws.speed)
+        return self._estimate(phase, speed, intensity, given.length_scale * laws.width)
+
+    def _estimate(
+        self, phase: str, speed: float, intensity: float, length: float
+    ) -> dict[str, float]:
+        """Scales of a phase at an intensity of a speed [m/s] and a length of the eddies [m]."""
+        law = self.gas_law if phase == "gas" else self.dispersed
+        found = law.estimate(speed, intensity, length)
+        return {name.removeprefix("ln_"): float(np.exp(value)) for name, value in found.items()}
+
+    # -- what the laws make of a state ---------------------------------------------------------
+
+    def stir(self, now: Moment, relative: Array | None = None) -> Stirred:
+        """What the turbulence of a state does, in all cells (collective).
+
+        relative : density of the gas over that of the case [-], None where it is constant
+        """
+        line, cells = self.line, self.line.cells
+        laws = self.laws if relative is None else self.laws.of(relative)
+        gradient = cells.whole(cells.gradient(now.u_g))
+        scales = [now.scales[name] for name in self._of_gas]
+        eddies = laws.eddies(self._mirrored(gradient), *line.gas_profile, *scales)
+        eddies = self._at_wall(eddies, now, laws)
+        grains = self._grains(now, laws) if laws.solids else None
+        gas = self._met(eddies)
+        balances = self._balances(eddies, gas, grains)
+        nu_s, spread, drag, normal = 0.0, None, None, None
+        if grains is not None:
+            nu_s = self.dispersed.viscosity(gas, grains)
+            if laws.laws.dispersion.name != "none":
+                diffusivity = laws.laws.dispersion.diffusivity(gas, grains, nu_s)
+                spread = grains.specific * diffusivity / (1 - grains.alpha)
+                drag = grains.specific * grains.alpha
+            share = self.dispersed.normal_stress if self._of_solids else 0.0
+            if share:
+                normal = {name: share * 2 / 3 * now.scales[name] for name in ("k", "k_s")}
+        stiffness = {}
+        for name, rate in self._rates_beside(eddies, gas, grains).items():
+            stiffness[name] = np.maximum((balances[name].rate - rate) / SMALL_RISE["k"], 0.0)
+        # the gas's scales live on its stretched profile
+        stretch = {name: line.gas_profile[1] if name in self._of_gas else 1.0 for name in balances}
+        return Stirred(
+            gradient,
+            gas.nu * laws.gas.density,
+            nu_s,
+            spread,
+            drag,
+            normal,
+            {name: balance.diffusivity / stretch[name] for name, balance in balances.items()},
+            {name: balance.rate * stretch[name] for name, balance in balances.items()},
+            {name: stiff * stretch[name] for name, stiff in stiffness.items()},
+            relative,
+        )
+
+    def _met(self, eddies: Eddies) -> GasEddies:
+        """Gas turbulence as the grains meet it."""
+        density = eddies.gas.density
+        nu_t = self.gas_law.viscosity(eddies) / density
+        return GasEddies(eddies.k, eddies.eps, nu_t, density, K_FLOOR * self.laws.speed**2)
+
+    def _balances(
+        self, eddies: Eddies, gas: GasEddies, grains: Grains | None, which: str = "both"
+    ) -> dict[str, Balance]:
+        """Transport of the scales of "gas", "solids" or "both"."""
+        found = {}
+        if which != "solids":
+            gain = 0.0
+            if grains is not None and self.dispersed.needs_k:
+                gain = self.dispersed.gain(gas, grains)
+            found |= self.gas_law.balances(eddies, gain)
+        if which != "gas" and grains is not None:
+            found |= self.dispersed.balances(gas, grains)
+        return {name.removeprefix("ln_"): balance for name, balance in found.items()}
+
+    def _rates_beside(
+        self, eddies: Eddies, gas: GasEddies, grains: Grains | None
+    ) -> dict[str, Array]:
+        """Rates where the scales of a phase are a little larger."""
+        found = {}
+        if self._of_gas:
+            risen = _risen(eddies)
+            found |= self._balances(risen, self._met(risen), grains, "gas")
+        if self._of_solids:
+            risen = replace(grains, eddies=_risen(grains.eddies))
+            found |= self._balances(eddies, gas, risen, "solids")
+        return {name: balance.rate for name, balance in found.items()}
+
+    def _grains(self, now: Moment, laws: CellLaws) -> Grains:
+        """What the laws of dispersed turbulence see of the solids."""
+        line, cells = self.line, self.line.cells
+        slip, alpha = now.u_g - now.u_s, np.maximum(now.alpha, SMALLEST_FRACTION)
+        g0, kinetic = laws.kinetic(alpha, now.theta)
+        crowding = cells.whole(cells.gradient(now.alpha))
+        # no mesh knows how steep a front is that is thinner than its cells
+        steepest = np.einsum("ni,ni->n", crowding, crowding) * cells.volume ** (2 / 3) / 4
+        crowding = np.einsum("ni,ni->n", slip, crowding) / np.sqrt(alpha**2 + steepest)
+        eddies = None
+        if self._of_solids:
+            gradient = self._mirrored(cells.whole(cells.gradient(now.u_s)))
+            scales = (now.scales[name] for name in self._of_solids)
+            eddies = laws.eddies(gradient, line.distance, 1.0, *scales)
+        return Grains(
+            alpha=alpha,
+            theta=now.theta,
+            g0=g0,
+            specific=laws.drag(alpha, slip, line.gas_profile[0]) / alpha,
+            slip=laws.slip_speed(slip),
+            drift=-crowding,
+            solids=laws.solids,
+            viscosity=kinetic.shear_viscosity / (alpha * laws.solids.density),
+            eddies=eddies,
+        )
+
+    def _mirrored(self, gradient: Array) -> Array:
+        """Gradient of a velocity next to planes of symmetry, across which cells see no neighbour.
+
+        It is found half a cell further in than the centre, where the slope of what runs along the
+        plane is twice as large.
+        """
+        line, cells = self.line, self.line.cells
+        if "symmetry" not in cells.parts:
+            return gradient
+        part = cells.parts["symmetry"]
+        edge, normal = cells.first[part], line.normal[part]
+        slope = np.einsum("nij,nj->ni", gradient[edge], normal)
+        slope -= np.einsum("ni,ni->n", slope, normal)[:, None] * normal
+        found = gradient.copy()
+        np.subtract.at(found, edge, 0.5 * slope[:, :, None] * normal[:, None, :])
+        return cells.exchange(found)
+
+    def _at_wall(self, eddies: Eddies, now: Moment, laws: CellLaws) -> Eddies:
+        """Eddies whose shear in the wall's cells knows of the wall, as their gradient does not.
+
+        S = min(S_w/2 + S_g, max(S_w, S_g)), by the traction of the wall, (mu + mu_t) S_w, and by
+        the gradient. In a log layer of cells of one height S_w/2 = S_g = u_tau/(2 kappa y), in a
+        viscous one S_w = S_g; where grains bear the stress within a cell it is half of S_w.
+        """
+        line, cells, edges = self.line, self.line.cells, self._edges
+        if not line.has_wall or not self._of_gas:
+            return eddies
+        first = cells.first[line.wall]
+        within = _at(eddies, edges, laws.within(edges).gas)
+        slip = laws.slip(now.u_g[first], line.normal[line.wall])
+        friction = laws.gas.viscosity / self._height
+        if not laws.walls.gas.strong:
+            beside = laws.within(first)
+            friction = beside.gas_friction(1.0, slip, self._height, eddies.k[first])
+        squares = np.zeros(cells.owned)
+        np.add.at(squares, first, (friction * slip) ** 2)
+        traction = np.sqrt(squares[edges])
+
+        def sheared(strain: Array) -> Array:
+            """Shear of the layer with the viscosity at another."""
+            eddy = 0.0
+            if not laws.walls.gas.strong:
+                eddy = self.gas_law.viscosity(_strained(within, strain))
+            return traction / (laws.gas.viscosity + eddy)
+
+        # 1/mu_t of the laws is linear in the shear, so that two are enough to find it (Aitken)
+        one = sheared(within.strain)
+        two = sheared(one)
+        change = np.where(np.abs(one - within.strain) > SMALLEST_CHANGE, one - within.strain, 1.0)
+        ratio = np.minimum((two - one) / change, 0.9)
+        strain = np.empty(cells.count)
+        strain[: cells.owned] = eddies.strain[: cells.owned]
+        wall, gradient = one + (two - one) / (1 - ratio), within.strain
+        strain[edges] = np.minimum(wall / 2 + gradient, np.maximum(wall, gradient))
+        return _strained(eddies, cells.exchange(strain))
+
+    # -- the step ------------------------------------------------------------------------------
+
+    def carry(
+        self,
+        now: Moment,
+        stirred: Stirred,
+        moved: Moved | None,
+        dt: float,
+        feed: Feed,
+        effort: dict[str, int],
+    ) -> dict[str, Array]:
+        """Scales after a step from `now`, in all cells (collective).
+
+        Raises
+        ------
+        SolverError
+            the linear solver does not converge.
+        """
+        cells, passed = self.line.cells, 0.0 if moved is None else moved.passed
+        effort["turbulence"] = 0
+        found: dict[str, Array] = {}
+        for phase, names, fraction, flux in (
+            ("gas", self._of_gas, 1 - now.alpha, now.total - passed),
+            ("solids", self._of_solids, now.alpha, passed),
+        ):
+            fraction = np.maximum(fraction, SMALLEST_FRACTION)
+            if phase == "gas" and stirred.relative is not None:
+                # what is carried belongs to the mass
+                fraction, flux = fraction * stirred.relative, flux * cells.mean(stirred.relative)
+            entering = self._entering(phase, feed.mean_velocity(phase)) if names else {}
+            for name in names:
+                found[name] = self._carried(
+                    name, now, stirred, fraction, flux, dt, entering[name], found
+                )
+                effort["turbulence"] += self.transport.iterations
+        return found
+
+    def _carried(
+        self,
+        name: str,
+        now: Moment,
+        stirred: Stirred,
+        fraction: Array,
+        flux: Array,
+        dt: float,
+        entering: float,
+        found: dict[str, Array],
+    ) -> Array:
+        """One scale after the step."""
+        line, own, before = self.line, self.line.own, now.scales[name]
+        rise = dt * stirred.rate[name][own]
+        step = rise / (1 + dt * stirred.stiffness[name][own])
+        step = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
+        small = np.abs(step) < SMALLEST_CHANGE
+        step = np.where(small, SMALLEST_CHANGE, step)
+        fitted = np.where(small, 1 + dt * stirred.stiffness[name][own], rise / np.expm1(step))
+        diagonal = fraction[own] * line.volume / dt * fitted
+        values = self.transport.carry(
+            flux,
+            fraction * stirred.spread[name],
+            diagonal,
+            diagonal * np.exp(step) * before[own],
+            before[own],
+            entering,
+            held=self._held(name, stirred, found),
+        )
+        return line.cells.whole(np.maximum(values, self._floors[name]))
+
+    def _held(
+        self, name: str, stirred: Stirred, found: dict[str, Array]
+    ) -> tuple[Array, Array] | None:
+        """Cells of the wall in which the law gives a scale from those found before it."""
+        if not self.line.has_wall or name not in self._of_gas or name == self._of_gas[0]:
+            return None
+        laws, edges = self.laws, self._edges
+        if stirred.relative is not None:
+            laws = laws.of(stirred.relative).within(edges)
+        k = found[self._of_gas[0]][edges]
+        distance = self.line.gas_profile[0][edges]
+        eddies = Eddies(None, distance, laws.gas, laws.width / 2, k=k)
+        values = self.gas_law.wall_values(eddies)
+        if f"ln_{name}" not in values:
+            return None
+        return edges, np.exp(values[f"ln_{name}"])
+
+
+def _plain(logarithms: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of the scales of logarithms."""
+    return tuple(name.removeprefix("ln_") for name in logarithms)
+
+
+def _risen(eddies: Eddies) -> Eddies:
+    """Eddies of a little more k and eps."""
+    return replace(
+        eddies,
+        k=eddies.k * np.exp(SMALL_RISE["k"]),
+        eps=eddies.eps * np.exp(SMALL_RISE["eps"]),
+    )
+
+
+def _strained(eddies: Eddies, strain: Array) -> Eddies:
+    """The same eddies at another shear, which turns as much more as it strains."""
+    return replace(eddies, strain=strain, spin=eddies.spin * strain / eddies.strain)
+
+
+def _at(eddies: Eddies, which: Any, gas: Any) -> Eddies:
+    """Eddies of some cells, and the gas there."""
+    names = ("strain", "distance", "spin", "skewness", "k", "eps")
+    return replace(eddies, gas=gas, **{name: getattr(eddies, name)[which] for name in names})
