@@ -252,7 +252,7 @@ class Flow3D:
         shear = levels.grown(found.shear, self.rates(levels.past).shear)
         return replace(found, shear=shear)
 
-    def _drag(self, at: Moment, thickness: Thickness | None) -> Array:
+    def _drag(self, at: Moment, thickness: Thickness | None = None) -> Array:
         laws = self.laws.of(thickness.later) if thickness else self.laws
         return laws.drag(at.alpha, at.u_g - at.u_s, self.line.gas_profile[0])
 
