@@ -227,6 +227,9 @@ class Gas(Table):
     viscosity: float | None = _key(
         None, "Pa s", "dynamic viscosity, default that of the species", gt=0, le=1
     )
+    compressible: bool = _key(
+        False, "", "density of an ideal gas that follows the pressure of an unsteady flow"
+    )
 
     @field_validator("species")
     @classmethod
@@ -242,6 +245,9 @@ class Gas(Table):
         if self.density is not None and self.pressure is not None:
             allowed = "no pressure beside gas.density; give gas.species for an ideal gas"
             raise InputError("gas.pressure", self.pressure, allowed)
+        if self.density is not None and self.compressible:
+            allowed = "false beside gas.density; give gas.species or gas.gas_constant in its place"
+            raise InputError("gas.compressible", True, allowed)
         if self.density is None and self.pressure is None:
             raise InputError("gas.pressure", None, _allowed(Gas.model_fields["pressure"]))
         if self.viscosity is None and self.species is None:
@@ -652,6 +658,8 @@ class Case(Table):
         allowed, feed = "solution = 'unsteady' beside it", self.operation
         if self.geometry.shape == "bend":
             raise InputError("geometry.shape", "bend", allowed)
+        if self.gas.compressible:
+            raise InputError("gas.compressible", True, allowed)
         for name in ("gas_schedule", "solids_schedule", "outlet_blocked"):
             if getattr(feed, name):
                 raise InputError(f"operation.{name}", _plain(getattr(feed, name)), allowed)

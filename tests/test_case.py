@@ -401,6 +401,7 @@ BAD = [
     ("gas.density", None, "exactly one of density, species, gas_constant"),
     ("gas.species", "N2", "gas.pressure is not given"),
     ("gas.pressure", 1e5, "no pressure beside gas.density"),
+    ("gas.compressible", True, "false beside gas.density"),
     ("gas.viscosity", None, "dynamic viscosity"),
     ("solids.density", None, "density of the particle"),
     ("operation.gas_superficial_velocity", None, "above 0"),
@@ -420,6 +421,10 @@ def test_refused_with_the_remedy(dense: dict[str, Any], key: str, value: Any, pa
 BAD_TABLES = [
     ({"gas": {"species": "N2"}}, "gas.pressure is not given"),
     ({"gas": {"gas_constant": 287.0, "pressure": 1e5}}, "gas.viscosity is not given"),
+    (
+        {"gas": {"species": "N2", "pressure": 1e5, "compressible": True}},
+        "solution = 'unsteady' beside it",
+    ),
     ({"gas": {"density": 1.2, "viscosity": 1e-5, "mu": 1e-5}}, "gas.mu = 1e-05 is refused"),
     (
         {"operation": {"gas_superficial_velocity": 6.0, "solids_velocity": 6.0}},

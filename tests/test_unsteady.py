@@ -35,6 +35,9 @@ BASE = {
     "output": {"interval": 1e-3, "probes": [[1e-3, 0, 0.01]], "sections": [0.01, 0.02]},
 }
 
+# a gas whose density follows the pressure
+NITROGEN = {"gas": {"species": "N2", "pressure": 1e5, "compressible": True}}
+
 
 FOUR_EQUATIONS = {"closures.turbulence": "realizable-4eq", "closures.dispersion": "burns"}
 
@@ -179,13 +182,15 @@ class Interrupt:
 
 @pytest.mark.mpi
 @pytest.mark.parametrize(
-    ("number", "order", "turbulence"),
+    ("number", "order", "changes"),
     [
         (signal.SIGINT, 0, {}),
         (signal.SIGTERM, 0, {}),
         (signal.SIGTERM, 1, {}),
+        (signal.SIGTERM, 1, NITROGEN),
         (signal.SIGTERM, 0, FOUR_EQUATIONS),
         (signal.SIGTERM, 1, FOUR_EQUATIONS),
+        (signal.SIGTERM, 1, NITROGEN | FOUR_EQUATIONS),
     ],
 )
 def test_an_interrupted_run_goes_on_bit_for_bit(
@@ -194,10 +199,10 @@ def test_an_interrupted_run_goes_on_bit_for_bit(
     monkeypatch: pytest.MonkeyPatch,
     number: int,
     order: int,
-    turbulence: dict[str, Any],
+    changes: dict[str, Any],
 ) -> None:
     """N steps, a signal, N more: the same as all in one, in every cell and every row."""
-    case, comm = case_of(dense, {"numerics.order": order, **turbulence}), MPI.COMM_WORLD
+    case, comm = case_of(dense, {"numerics.order": order, **changes}), MPI.COMM_WORLD
     whole, halves = tmp_path / "whole", tmp_path / "halves"
     with monkeypatch.context() as patch:
         # the state is written there too, which starts the multigrid anew
@@ -237,12 +242,15 @@ def patch_saves(patch: pytest.MonkeyPatch, step: int) -> list[int]:
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize(("order", "turbulence"), [(0, {}), (1, {}), (0, FOUR_EQUATIONS)])
+@pytest.mark.parametrize(
+    ("order", "changes"),
+    [(0, {}), (1, {}), (0, FOUR_EQUATIONS), (0, NITROGEN), (1, NITROGEN | FOUR_EQUATIONS)],
+)
 def test_a_state_goes_on_with_another_number_of_ranks(
-    dense: dict[str, Any], tmp_path: Path, order: int, turbulence: dict[str, Any]
+    dense: dict[str, Any], tmp_path: Path, order: int, changes: dict[str, Any]
 ) -> None:
     """Five more steps of one rank and of all agree to what the linear solvers leave."""
-    case = case_of(dense, {"numerics.order": order, **turbulence})
+    case = case_of(dense, {"numerics.order": order, **changes})
     case.run(tmp_path)
     MPI.COMM_WORLD.barrier()
     found = []

@@ -181,7 +181,7 @@ def spread(found: Flow3D, diffusivity: float, normal: dict[str, Any] | None = No
     """Let a flow be stirred with a given diffusivity of the solids and nothing else."""
     cells = found.cells
 
-    def stir(now: Any) -> Stirred:
+    def stir(now: Any, relative: Any = None) -> Stirred:
         gradient = cells.whole(cells.gradient(now.u_g))
         drag = found._drag(now)
         alpha = np.maximum(now.alpha, SMALLEST_FRACTION)

@@ -11,7 +11,8 @@ One step, without outer iterations:
    gives the eddy viscosities and the dispersion, of the state before the step;
 4. momenta (`momenta`) of both phases with their drag in one matrix for all three components;
 5. pressure (`projection`): what the momenta leave of div(alpha_s u_s + alpha_g u_g) = 0, with the
-   response of mass and drag alone, R = [[m_s/dt + beta, -beta], [-beta, m_g/dt + beta]]^-1.
+   response of mass and drag alone, R = [[m_s/dt + beta, -beta], [-beta, m_g/dt + beta]]^-1;
+   for a gas whose density follows the pressure (`compression`) that of the balance of its mass.
 
 `laws` gives the coefficients of the phases in cells and knows neither faces nor matrices; `line`
 is the mesh as all parts see it, `state` what they hand on, `flow` the step that they make up.

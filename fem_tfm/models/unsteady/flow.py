@@ -14,9 +14,12 @@ from fem_tfm.case import Case
 from fem_tfm.errors import SolverError
 from fem_tfm.mesh import Mesh
 from fem_tfm.models.unsteady.agitation import Agitation
+from fem_tfm.models.unsteady.compression import IdealGas, Thickness, held
 from fem_tfm.models.unsteady.fraction import SolidsFraction
 from fem_tfm.models.unsteady.laws import CellLaws
 from fem_tfm.models.unsteady.levels import (
+    GAS_OF_CELLS,
+    GAS_OF_FACES,
     PAST_OF_CELLS,
     PAST_OF_FACES,
     Levels,
@@ -57,6 +60,7 @@ class Flow3D:
     ----------
     line, laws : mesh and coefficients
     fraction, agitation, momenta, projection : parts of a step; the first two only with solids
+    ideal : the gas, None where its density is constant
     turbulence : what it makes, None where an algebraic law of the gas is all
     now, past : state, and what a step of second order takes from the one before it
     """
@@ -73,20 +77,22 @@ class Flow3D:
         if self.solids is not None:
             self.fraction = SolidsFraction(self.line, self.laws, scalar)
             self.agitation = Agitation(case, self.line, self.laws, scalar)
-        self.momenta = Momenta(self.line, self.laws, np.array(case.gravity_vector))
-        self.projection = Projection(self.line, self.laws)
+        self.ideal = IdealGas(case, self.line) if case.gas.compressible else None
+        lifted = self.ideal.lifted if self.ideal else self.gas.density
+        self.momenta = Momenta(self.line, self.laws, np.array(case.gravity_vector), lifted)
+        self.projection = Projection(self.line, self.laws, case.gas.compressible)
         self._functions: dict[str, fem.Function] = {}
         self.start()
 
-    def start(self, alpha: Any = 0.0, theta: float = SMALLEST_THETA) -> None:
-        """Both phases at rest, with a solids fraction given as a number or in all cells."""
+    def start(self, alpha: Any = 0.0, theta: float = SMALLEST_THETA, p: Any = 0.0) -> None:
+        """Both phases at rest; solids fraction and pressure are numbers or those of all cells."""
         cells = self.cells
         zero, flux = np.zeros(cells.count), np.zeros(cells.faces)
         vector = np.zeros((cells.count, 3))
         self.now = Moment(
             alpha=zero + alpha,
             theta=zero + theta,
-            p=zero,
+            p=zero + p,
             u_s=vector,
             u_g=vector,
             total=flux,
@@ -119,8 +125,13 @@ class Flow3D:
 
     def _count_masses(self) -> None:
         solids = self.cells.total(self.now.alpha[: self.cells.owned] * self.line.volume)
-        room = self.cells.total(self.line.volume)
-        self.masses = Masses(solids=solids, gas=room - solids)
+        self.masses = Masses(solids=solids, gas=self._gas_held(self.now, solids))
+
+    def _gas_held(self, at: Moment, solids: float) -> float:
+        """Gas in the line beside solids, at the density of the case [m3]."""
+        if self.ideal is None:
+            return self.cells.total(self.line.volume) - solids
+        return self.cells.total(held(self.ideal, at, self.line.volume))
 
     # -- the step ------------------------------------------------------------------------------
 
@@ -154,21 +165,30 @@ class Flow3D:
         limit = 1.0 if self.solids is None else self.solids.packing_limit
         if self.past is None:
             return euler(self.line, self.now, dt, limit)
-        return second_order(self.line, self.now, self.past, dt, limit, feed)
+        gas = 1.0, 1.0
+        if self.ideal:
+            gas = self.ideal.relative(self.now.p), self.ideal.relative(self.past.p)
+        return second_order(self.line, self.now, self.past, dt, limit, feed, gas)
 
     def _step(
         self, levels: Levels, dt: float, feed: Feed
     ) -> tuple[Moment, Past | None, Report, Masses]:
         old, start, span = levels.expected, levels.start, levels.span_faces
         cells, effort = self.cells, {}
-        moved, rates, beta = None, None, np.zeros(cells.count)
-        at = old
-        stirred = self.turbulence.stir(levels.now) if self.turbulence else None
+        moved, rates, beta, dragged = None, None, np.zeros(cells.count), None
+        at, stirred, compressed = old, None, None
+        thickness = self.ideal.foresee(levels, dt) if self.ideal else None
+        if self.turbulence:
+            stirred = self.turbulence.stir(levels.now, thickness and thickness.now)
         if self.solids is not None:
             rates = self._expected_rates(levels)
             response = old.response
             if not self.steps:
-                response = self.projection.response(old.alpha, self._drag(old), dt)[0]
+                density = self.gas.density
+                if thickness:
+                    density = density * cells.mean(thickness.now)
+                drag = self._drag(old, thickness)
+                response = self.projection.response(old.alpha, drag, dt, density)[0]
                 # the pressure of the solids acts from the first step on: what it bears must too
                 p_s = self.laws.solids_pressure(old.alpha, old.theta, rates)
                 borne = response * cells.size * self.momenta.weight_borne(old.alpha, p_s)
@@ -179,24 +199,39 @@ class Flow3D:
                 before = moved.alpha[: cells.owned] + levels.span * lost
                 start = replace(start, alpha=cells.whole(np.clip(before, 0.0, 1.0)))
             at = replace(old, alpha=moved.alpha)
-            beta = self._drag(at)
+            beta = self._drag(at, thickness)
             theta = self.agitation.warm(at, beta, levels, start, moved, rates, feed, effort)
             at = replace(at, theta=theta)
+            if thickness:
+                beta, dragged = self._steep_drag(at, beta, thickness)
         if self.turbulence:
             scales = self.turbulence.carry(levels.now, stirred, moved, dt, feed, effort)
             at = replace(at, scales=scales)
-        phases = self.momenta.phases(at, levels, start, moved, rates, stirred)
+        if self.ideal:
+            compressed = self.ideal.compress(thickness, levels, moved, dt, feed)
+        phases = self.momenta.phases(at, levels, start, moved, rates, stirred, compressed)
         gaps, accelerated = self.momenta.forces(at, phases, feed)
-        guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort)
+        guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort, dragged)
         at = replace(at, u_s=start.u_s)
-        found = self.projection.project(at, phases, beta, guess, gaps, span, feed, effort)
+        found = self.projection.project(
+            at, phases, beta, guess, gaps, span, feed, effort, compressed
+        )
         passed, added = np.zeros(cells.faces), np.zeros(cells.owned)
         if moved is not None:
             passed, added = moved.passed, moved.added
-        masses = self._balance(found, passed, added, feed, dt)
+        volume = self.line.volume
+        if compressed is None:
+            grown = (feed.inside.solids + feed.inside.gas) * volume
+            gas = found.total - passed, grown - added * volume
+        else:
+            self._check_density(found)
+            gas = compressed.passed(found.total), compressed.fed * volume
+        masses = self._balance((passed, added * volume), gas, dt)
         past = None
         if self.line.order:
             past = Past.of(self.now, dt, passed, cells.whole(added))
+            if self.ideal:
+                past = replace(past, gas=gas[0], fed=cells.whole(compressed.fed))
         return found, past, self._report(found, dt, effort, masses), masses
 
     def rates(self, at: Moment | Past) -> Rates:
@@ -217,21 +252,33 @@ class Flow3D:
         shear = levels.grown(found.shear, self.rates(levels.past).shear)
         return replace(found, shear=shear)
 
-    def _drag(self, at: Moment) -> Array:
-        return self.laws.drag(at.alpha, at.u_g - at.u_s, self.line.gas_profile[0])
+    def _drag(self, at: Moment, thickness: Thickness | None = None) -> Array:
+        laws = self.laws.of(thickness.later) if thickness else self.laws
+        return laws.drag(at.alpha, at.u_g - at.u_s, self.line.gas_profile[0])
+
+    def _steep_drag(self, at: Moment, beta: Array, thickness: Thickness) -> tuple[Array, Array]:
+        """Slope of the drag with the slip, and what that has beyond the drag [N/m3].
+
+        A gas that gives way follows its drag at once: with a foreseen beta alone, flow and drag
+        would take turns.
+        """
+        slip, laws = at.u_g - at.u_s, self.laws.of(thickness.later)
+        steep = laws.steepness(at.alpha, slip, self.line.gas_profile[0], beta)
+        return beta + steep, steep[:, None] * slip
 
     # -- what others read ----------------------------------------------------------------------
 
-    def _balance(self, found: Moment, passed: Array, added: Array, feed: Feed, dt: float) -> Masses:
-        """Masses with what this step has carried over the boundary and put into cells."""
+    def _check_density(self, found: Moment) -> None:
+        density = self.ideal.relative(found.p)[: self.cells.owned]
+        if not self.cells.largest(-density) < 0:
+            raise SolverError("the density of the gas is not positive")
+
+    def _balance(self, solids: tuple[Array, Array], gas: tuple[Array, Array], dt: float) -> Masses:
+        """Masses with what has passed faces in a step and what was put into cells [m3/s]."""
         cells, edge = self.cells, slice(self.cells.inner, None)
-        volume = self.line.volume
-        grown = (feed.inside.solids + feed.inside.gas) * volume
         gained = {}
-        for name, flux, inside in (
-            ("solids", passed[edge], added * volume),
-            ("gas", (found.total - passed)[edge], grown - added * volume),
-        ):
+        for name, (passed, inside) in (("solids", solids), ("gas", gas)):
+            flux = passed[edge]
             entered = cells.total(np.maximum(-flux, 0.0)) + cells.total(np.maximum(inside, 0.0))
             net = cells.total(inside) - cells.total(flux)
             gained[f"{name}_in"] = getattr(self.masses, f"{name}_in") + dt * entered
@@ -269,10 +316,9 @@ class Flow3D:
         return rates[0], rates[1]
 
     def _errors(self, at: Moment, masses: Masses) -> dict[str, float]:
-        held = self.cells.total(at.alpha[: self.cells.owned] * self.line.volume)
-        room = self.cells.total(self.line.volume)
+        solids = self.cells.total(at.alpha[: self.cells.owned] * self.line.volume)
         found = {}
-        for name, now in (("solids", held), ("gas", room - held)):
+        for name, now in (("solids", solids), ("gas", self._gas_held(at, solids))):
             start, entered = getattr(masses, name), getattr(masses, f"{name}_in")
             missing = now - start - getattr(masses, f"{name}_net")
             found[f"{name}_mass"] = abs(missing) / max(start + entered, 1e-300)
@@ -294,7 +340,8 @@ class Flow3D:
         drop = cells.total(now.p[entry] * size) / area
         factor = self.mesh.geometry.area_factor
         leaving = cells.mean(now.alpha)[self.line.outlet] * now.carried[self.line.outlet]
-        gas = cells.total(now.total[self.line.outlet] - leaving)
+        gas = now.total[self.line.outlet] - leaving
+        gas = cells.total(gas * self.ideal.at_outlet if self.ideal else gas)
         room = cells.total(self.line.volume)
         found = {
             "pressure_gradient": drop / self.mesh.length,
@@ -321,14 +368,22 @@ class Flow3D:
         for name, directed in OF_FACES.items():
             found[name] = cells.to_sides(getattr(self.now, name), directed)
         found |= {name: values[own].copy() for name, values in self.now.scales.items()}
+        of_cells, of_faces = self._names_of_past
         if self.past is not None:
-            for name in PAST_OF_CELLS:
+            for name in of_cells:
                 found[f"before_{name}"] = getattr(self.past, name)[own].copy()
-            for name in PAST_OF_FACES:
+            for name in of_faces:
                 found[f"before_{name}"] = cells.to_sides(getattr(self.past, name))
             found["before_dt"] = np.array(self.past.dt)
         found["time"], found["steps"] = np.array(self.time), np.array(self.steps)
         return found | {f"mass_{n}": np.array(v) for n, v in vars(self.masses).items()}
+
+    @property
+    def _names_of_past(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """What the next step takes from before the last one, in cells and on faces."""
+        if self.ideal is None:
+            return PAST_OF_CELLS, PAST_OF_FACES
+        return PAST_OF_CELLS + GAS_OF_CELLS, PAST_OF_FACES + GAS_OF_FACES
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Take over what `state` gave, also from another division into ranks (collective)."""
@@ -339,9 +394,10 @@ class Flow3D:
         found["scales"] = {n: cells.whole(np.asarray(state[n])) for n in self.now.scales}
         self.now, self.past = Moment(**found), None
         if self.line.order and "before_dt" in state:
-            given = {n: np.asarray(state[f"before_{n}"]) for n in (*PAST_OF_CELLS, *PAST_OF_FACES)}
-            found = {name: cells.whole(given[name]) for name in PAST_OF_CELLS}
-            found |= {name: cells.from_sides(given[name]) for name in PAST_OF_FACES}
+            of_cells, of_faces = self._names_of_past
+            given = {n: np.asarray(state[f"before_{n}"]) for n in (*of_cells, *of_faces)}
+            found = {name: cells.whole(given[name]) for name in of_cells}
+            found |= {name: cells.from_sides(given[name]) for name in of_faces}
             self.past = Past(float(state["before_dt"]), **found)
         self.time, self.steps = float(state["time"]), int(state["steps"])
         names = (f.name for f in fields(Masses))

@@ -189,7 +189,10 @@ class SolidsFraction:
         cells, laws = self.line.cells, self.laws
         alpha = cells.mean(levels.now.alpha)
         void, span = 1 - alpha, levels.span_faces
-        inertia = laws.solids.density * void + laws.gas.density * alpha
+        gas = laws.gas.density
+        if stirred.relative is not None:
+            gas = gas * cells.mean(stirred.relative)
+        inertia = laws.solids.density * void + gas * alpha
         hold = alpha * void * inertia / span + cells.mean(stirred.drag)
         return void / hold * cells.mean(stirred.dispersion) * cells.reach
 

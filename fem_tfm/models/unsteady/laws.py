@@ -7,8 +7,10 @@ neighbours or matrices.
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 
@@ -30,6 +32,8 @@ FADING_FRACTION = 1e-4
 MOST_VISCOUS = 100.0
 # speeds that regularise drag and walls, and shear, over U and U/D
 SLIP_FLOOR, SHEAR_FLOOR = 1e-4, 1e-3
+# step of the slip, over itself, for the slope of the drag
+SLIP_STEP = 1e-3
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,18 @@ class Grains:
     mu_f: Array
 
 
+@dataclass(frozen=True)
+class LocalGas:
+    """Gas as a law sees it, its density an array over cells.
+
+    density : [kg/m3]
+    viscosity : [Pa s]
+    """
+
+    density: Array
+    viscosity: float
+
+
 class CellLaws:
     """The laws of a case, evaluated on arrays.
 
@@ -61,6 +77,20 @@ class CellLaws:
         self.speed = case.operation.gas_superficial_velocity
         self.width = case.geometry.hydraulic_diameter
         self.gap = case.walls.grain_gap * (self.solids.diameter if self.solids else 0.0)
+
+    def of(self, relative: Array) -> Self:
+        """The laws in cells where the gas has this density over that of the case [-]."""
+        found = copy.copy(self)
+        found.gas = LocalGas(relative * self.gas.density, self.gas.viscosity)
+        return found
+
+    def within(self, which: Any) -> Self:
+        """The laws in some of the cells in which these hold."""
+        if not isinstance(self.gas, LocalGas):
+            return self
+        found = copy.copy(self)
+        found.gas = replace(self.gas, density=self.gas.density[which])
+        return found
 
     # -- solids --------------------------------------------------------------------------------
 
@@ -127,6 +157,11 @@ class CellLaws:
             np.maximum(alpha, SMALLEST_FRACTION), self.slip_speed(slip), self.gas, self.solids
         )
         return found * distance**2 / (distance**2 + self.gap**2) if self.gap else found
+
+    def steepness(self, alpha: Array, slip: Array, distance: Array, beta: Array) -> Array:
+        """|u| d(beta)/d|u| [kg/m3/s] at u = u_g - u_s (cells, 3) [m/s], of which beta is known."""
+        rise = (self.drag(alpha, (1 + SLIP_STEP) * slip, distance) - beta) / SLIP_STEP
+        return np.maximum(rise, 0.0)
 
     def gas_viscosity(self, gradient: Array, height: Array, slope: Array) -> Array:
         """Viscosity [Pa s] that the profile at height y' [m] shows at grad u_g [1/s].

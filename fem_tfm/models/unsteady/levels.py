@@ -41,6 +41,7 @@ class Past:
 
     dt : of the last step [s]
     passed, added : volume fluxes (faces) [m3/s] and sources (cells) [1/s] of the solids in it
+    gas, fed : the same of a gas whose density follows the pressure, at the density of the case
     others : as in `Moment`, before it
     """
 
@@ -54,17 +55,22 @@ class Past:
     total: Array
     carried: Array
     gained: Array
+    p: Array | None = None
+    gas: Array | None = None
+    fed: Array | None = None
 
     @classmethod
     def of(cls, before: Moment, dt: float, passed: Array, added: Array) -> Past:
         """What is kept of a moment when a step has left it behind."""
-        names = {f.name for f in fields(cls)} - {"dt", "passed", "added"}
+        names = {f.name for f in fields(cls)} - {"dt", "passed", "added", "gas", "fed"}
         return cls(dt, passed, added, **{name: getattr(before, name) for name in names})
 
 
 # names in a Past besides its step; all values on faces have their direction
 PAST_OF_CELLS = ("added", "alpha", "theta", "u_s", "u_g")
 PAST_OF_FACES = ("passed", "total", "carried", "gained")
+# and those that only a gas needs whose density follows the pressure
+GAS_OF_CELLS, GAS_OF_FACES = ("p", "fed"), ("gas",)
 
 
 @dataclass(frozen=True)
@@ -120,11 +126,18 @@ def euler(line: Line, now: Moment, dt: float, limit: float = 0.0) -> Levels:
 
 
 def second_order(
-    line: Line, now: Moment, past: Past, dt: float, limit: float, feed: Feed
+    line: Line,
+    now: Moment,
+    past: Past,
+    dt: float,
+    limit: float,
+    feed: Feed,
+    gas: tuple[Array | float, Array | float] = (1.0, 1.0),
 ) -> Levels:
     """Levels of a step of second order, of first order where the solids are packed (collective).
 
     limit : packing limit of the solids
+    gas : relative density of the gas now and before the last step [-]
     feed : through what it closes nothing of the past passes
     """
     loose = _loose(np.maximum(now.alpha, past.alpha), limit)
@@ -141,7 +154,7 @@ def second_order(
     share = 1 - np.where(past.passed == 0, faces, kept / moving)
     slow, fluxes = SLOW * line.speed, SLOW * line.speed * line.cells.size
     of_solids = _ratio(now.alpha, past.alpha, cells * r)
-    of_gas = _ratio(1 - now.alpha, 1 - past.alpha, cells * r)
+    of_gas = _ratio((1 - now.alpha) * gas[0], (1 - past.alpha) * gas[1], cells * r)
     rise = _rise(now.theta, past.theta)
     start = replace(
         now,

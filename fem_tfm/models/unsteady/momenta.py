@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fem_tfm.models.unsteady.compression import Compressed
 from fem_tfm.models.unsteady.laws import CellLaws
 from fem_tfm.models.unsteady.levels import Levels
 from fem_tfm.models.unsteady.line import Line
@@ -14,6 +15,7 @@ from fem_tfm.models.unsteady.state import (
     SLOPES,
     SMALLEST_FRACTION,
     TRANSPORT_TOLERANCE,
+    Density,
     Feed,
     Moment,
     Moved,
@@ -49,14 +51,15 @@ class Momenta:
     ----------
     line, laws : mesh and coefficients
     gravity : vector [m/s2]
+    lifted : density of the gas whose weight the pressure leaves out [kg/m3]
     """
 
-    def __init__(self, line: Line, laws: CellLaws, gravity: Array) -> None:
-        self.line, self.laws = line, laws
+    def __init__(self, line: Line, laws: CellLaws, gravity: Array, lifted: float) -> None:
+        self.line, self.laws, self._lifted = line, laws, lifted
         # rises along the normals, for the weight of a phase [m/s2]
         self._weight = line.normal @ gravity
         if laws.solids is not None:
-            self._solids_weight = Weight(line, gravity, laws.solids.density - laws.gas.density)
+            self._solids_weight = Weight(line, gravity, laws.solids.density - lifted)
         self._area, self._skew = (
             np.ascontiguousarray(vectors[line.inner].T)
             for vectors in (line.cells.area, line.cells.skew)
@@ -74,16 +77,18 @@ class Momenta:
         moved: Moved | None,
         rates: Rates,
         stirred: Stirred | None = None,
+        compressed: Compressed | None = None,
     ) -> list[Phase]:
         """Phases that step from `start`, the gas last, with coefficients of `at`.
 
         stirred : what turbulence does, None where an algebraic law of the gas is all
+        compressed : the gas, None where its density is constant
         """
         if moved is None:
             alone = np.ones(self.line.cells.faces)
-            return [self._gas(at, levels, start, moved, alone, stirred)]
+            return [self._gas(at, levels, start, moved, alone, stirred, compressed)]
         solids = self._solids(at, levels, start, moved, rates, stirred)
-        gas = self._gas(at, levels, start, moved, 1 - solids.share, stirred)
+        gas = self._gas(at, levels, start, moved, 1 - solids.share, stirred, compressed)
         if stirred is None or stirred.dispersion is None:
             return [solids, gas]
         force = self._dispersed(at, stirred)
@@ -123,7 +128,7 @@ class Momenta:
         absent = np.clip(1 - start.alpha / SMALLEST_FRACTION, 0.0, 1.0)[:, None]
         return Phase(
             name="solids",
-            density=laws.solids.density,
+            density=Density.constant(laws.solids.density),
             fraction=at.alpha,
             before=start.alpha,
             velocity=start.u_s + absent * (start.u_g - start.u_s),
@@ -146,8 +151,13 @@ class Momenta:
         moved: Moved | None,
         share: Array,
         stirred: Stirred | None,
+        compressed: Compressed | None,
     ) -> Phase:
         laws, line, cells = self.laws, self.line, self.line.cells
+        edge, wall = cells.first[line.wall], line.wall
+        density = Density.constant(laws.gas.density)
+        if compressed is not None:
+            density, laws = compressed.density, laws.of(compressed.relative)
         void = 1 - at.alpha
         if stirred is None:
             gradient = cells.whole(cells.gradient(levels.now.u_g))
@@ -163,24 +173,24 @@ class Momenta:
         mu = void * mu
         flux = at.total - (0.0 if moved is None else moved.flux)
         flux[line.inlet] = 0.0
-        edge, wall = cells.first[line.wall], line.wall
         if laws.walls.gas.strong:
             traction = mu[edge] * cells.reach[wall]
         else:
             # found at the centre of the wall's cells
             slip = laws.slip(at.u_g[edge], line.normal[wall])
             k = at.scales["k"][edge] if "k" in at.scales else None
-            friction = laws.gas_friction(void[edge], slip, line.wall_height, k)
+            beside = laws.within(edge)
+            friction = beside.gas_friction(void[edge], slip, line.wall_height, k)
             traction = friction * cells.size[wall]
         steeper = None
         if stirred is None and (mu > laws.gas.viscosity).any():
-            steeper = self._steeper(mu, void, levels)
+            steeper = self._steeper(mu, void, levels, laws)
         eddies = None
         if stirred is not None and stirred.normal is not None:
             eddies = void * laws.gas.density * stirred.normal["k"]
         return Phase(
             name="gas",
-            density=laws.gas.density,
+            density=density,
             fraction=void,
             before=1 - start.alpha,
             velocity=start.u_g,
@@ -196,14 +206,14 @@ class Momenta:
             steeper=steeper,
         )
 
-    def _steeper(self, viscosity: Array, void: Array, levels: Levels) -> Array:
+    def _steeper(self, viscosity: Array, void: Array, levels: Levels, laws: CellLaws) -> Array:
         """Growth of the stress with the shear beyond mu S, of faces [kg/s].
 
         mu_t of a mixing length grows with S. With that of the state before the step S_new S_old is
         what the stress makes it, and where inertia does not hold S it swings for ever. As much
         again in the matrix, less what that adds at the velocities before, is Newton's step.
         """
-        cells, gas = self.line.cells, self.laws.gas
+        cells, gas = self.line.cells, laws.gas
         eddy = np.maximum(viscosity - void * gas.viscosity, 0.0)
         eddy = cells.mean(eddy) * cells.reach
         eddy[cells.inner :] = 0.0
@@ -216,7 +226,7 @@ class Momenta:
         """Weight of the solids along normals, no more than p_s bears [N/m3] (collective)."""
         line, cells, inner = self.line, self.line.cells, self.line.inner
         share = self._solids_weight.bear(alpha, p_s).share
-        weight = share * (self.laws.solids.density - self.laws.gas.density) * self._weight
+        weight = share * (self.laws.solids.density - self._lifted) * self._weight
         rise = np.zeros(cells.faces)
         rise[inner] = (p_s[cells.second] - p_s[cells.first[inner]]) * line.normal_slope[inner]
         return np.clip(weight, np.minimum(rise, 0.0), np.maximum(rise, 0.0))
@@ -237,7 +247,7 @@ class Momenta:
         for phase in phases:
             # a void has no weight
             force = -phase.share * slope
-            force += phase.share * (phase.density - self.laws.gas.density) * self._weight
+            force += phase.share * (phase.density.faces - self._lifted) * self._weight
             if phase.pressure is not None:
                 p_s = phase.pressure
                 force[inner] -= (p_s[second] - p_s[first]) * line.normal_slope[inner]
@@ -246,7 +256,7 @@ class Momenta:
             force *= line.open
             if phase.name == "solids" and feed.blocked:
                 force[line.outlet] = 0.0
-            mass = phase.density * np.maximum(phase.share, SMALLEST_FRACTION)
+            mass = phase.density.faces * np.maximum(phase.share, SMALLEST_FRACTION)
             if phase.bearing is None:
                 vector = cells.whole(line.reconstruct(force / mass))
                 average = mass * (cells.flux(vector) / cells.size)
@@ -254,7 +264,7 @@ class Momenta:
                 vector = cells.whole(line.reconstruct(force / mass, phase.bearing.counts))
                 held = np.maximum(phase.fraction, SMALLEST_FRACTION)
                 average = self._solids_weight.mean_force(phase.bearing, held, vector)
-                average *= phase.density
+                average *= phase.density.faces
             gaps.append(force - average * line.open)
             accelerated.append(vector)
         return gaps, accelerated
@@ -288,8 +298,11 @@ class Momenta:
         levels: Levels,
         feed: Feed,
         effort: dict[str, int],
+        dragged: Array | None = None,
     ) -> list[Array]:
         """Velocities of the phases before the projection, in all cells (collective).
+
+        dragged : force (cells, 3) on the gas that beta times the slip has beyond the drag [N/m3]
 
         Raises
         ------
@@ -314,6 +327,9 @@ class Momenta:
         largest = max(cells.total(start[:, :, i] ** 2) for i in range(3)) ** 0.5
         enough = TRANSPORT_TOLERANCE * largest + line.little(SMALL_VELOCITY * line.speed)
         given, velocities = np.stack([one.side for one in equations], axis=1), []
+        if dragged is not None:
+            force = dragged[own] * line.volume[:, None]
+            given += np.stack([-force, force], axis=1)
         for _ in range(SLOPES if line.order else 1):
             side = given.copy()
             for k, u in enumerate(velocities):
@@ -331,9 +347,10 @@ class Momenta:
     def _equation(self, phase: Phase, acceleration: Array, levels: Levels, feed: Feed) -> _Equation:
         """Momentum of one phase without drag."""
         line, cells, own, inner = self.line, self.line.cells, self.line.own, self.line.inner
-        inertia = phase.density * np.maximum(phase.before[own], SMALLEST_FRACTION)
+        density = phase.density
+        inertia = density.start * np.maximum(phase.before[own], SMALLEST_FRACTION)
         inertia = inertia * line.volume / levels.span
-        flux = phase.density * phase.flux
+        flux = density.carried * phase.flux
         ahead, back = np.maximum(flux, 0.0), np.maximum(-flux, 0.0)
         spread = cells.mean(phase.viscosity) * cells.reach
         spread[cells.inner :] = 0.0
@@ -341,7 +358,7 @@ class Momenta:
             spread += phase.steeper
         diagonal = inertia + cells.sum_out(back, ahead) + cells.add(spread)
         side = inertia[:, None] * phase.velocity[own]
-        mass = phase.density * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
+        mass = density.cells * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
         lagging = self._lagging(phase, phase.present, phase.gradient, levels)
         side += (mass * line.volume)[:, None] * acceleration[own] + lagging
         side += feed.inside.force(phase.name) * line.volume[:, None]
@@ -349,8 +366,9 @@ class Momenta:
             cells.to_boundary("wall", diagonal, phase.traction)
         if line.has_inlet:
             mean = feed.mean_velocity(phase.name)
-            entering = phase.density * feed.fraction(phase.name) * -line.entering(mean)
-            velocity = -mean * line.profile[:, None] * line.normal[line.inlet]
+            entering = density.fed * feed.fraction(phase.name) * -line.entering(mean)
+            speed = mean * density.thinning(line.inlet) * line.profile
+            velocity = -speed[:, None] * line.normal[line.inlet]
             # what a passing flux without inlet has left out
             missing = entering - back[line.inlet]
             cells.to_boundary("inlet", diagonal, missing)
@@ -364,5 +382,5 @@ class Momenta:
         line, found = self.line, self._stress(phase, velocity, gradient)
         if not line.order:
             return found
-        flux = levels.linear * phase.density * phase.flux
+        flux = levels.linear * phase.density.carried * phase.flux
         return found - line.cells.sum(line.beyond(flux, velocity, line.speed, gradient))

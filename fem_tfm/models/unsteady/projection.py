@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from fem_tfm.errors import SolverError
+from fem_tfm.models.unsteady.compression import Compressed
 from fem_tfm.models.unsteady.laws import CellLaws
 from fem_tfm.models.unsteady.line import Line
 from fem_tfm.models.unsteady.state import SMALLEST_FRACTION, Feed, Moment, Phase
@@ -25,21 +26,27 @@ class Projection:
     Parameters
     ----------
     line, laws : mesh and coefficients
+    compressible : the density of the gas follows the pressure
     """
 
-    def __init__(self, line: Line, laws: CellLaws) -> None:
+    def __init__(self, line: Line, laws: CellLaws, compressible: bool = False) -> None:
         self.line, self.laws = line, laws
+        # nothing sets the level of the pressure
+        self._floats = not (line.has_outlet or compressible)
         self._matrix = CellMatrix(line.cells)
         self._krylov = Krylov(self._matrix, "pressure", TOLERANCE)
         self._age = MULTIGRID_AGE
 
-    def response(self, alpha: Array, beta: Array, dt: Array | float) -> tuple[Array, Array, Array]:
+    def response(
+        self, alpha: Array, beta: Array, dt: Array | float, density: Array | float
+    ) -> tuple[Array, Array, Array]:
         """R_ss, R_sg = R_gs, R_gg on faces, of alpha_s and beta in cells [m3 s/kg].
 
         dt : step, one or of every face [s]
+        density : of the gas, one or of every face [kg/m3]
         """
         alpha, beta = self.line.cells.mean(alpha), self.line.cells.mean(beta)
-        gas = self.laws.gas.density * np.maximum(1 - alpha, SMALLEST_FRACTION) / dt
+        gas = density * np.maximum(1 - alpha, SMALLEST_FRACTION) / dt
         solids = self.laws.solids.density * np.maximum(alpha, SMALLEST_FRACTION) / dt
         # (gas + beta)(solids + beta) - beta^2 without the difference
         determinant = gas * solids + beta * (gas + solids)
@@ -55,10 +62,12 @@ class Projection:
         dt: Array | float,
         feed: Feed,
         effort: dict[str, int],
+        compressed: Compressed | None = None,
     ) -> Moment:
         """The state with pressure, velocities and fluxes after the step (collective).
 
         guess, gaps : velocities of the phases, and forces that faces have beyond those of the cells
+        compressed : the gas, None where its density is constant
 
         Raises
         ------
@@ -68,10 +77,10 @@ class Projection:
         line, cells, inner = self.line, self.line.cells, self.line.inner
         shares = [phase.share for phase in phases]
         if len(phases) == 2:
-            ss, sg, gg = self.response(at.alpha, beta, dt)
+            ss, sg, gg = self.response(at.alpha, beta, dt, phases[-1].density.faces)
             response = [[ss, sg], [sg, gg]]
         else:
-            response = [[dt / (self.laws.gas.density * np.ones(cells.faces))]]
+            response = [[dt / (phases[-1].density.faces * np.ones(cells.faces))]]
         blocked = feed.blocked and len(phases) == 2
         carried = []
         for row, phase, velocity in zip(response, phases, guess, strict=True):
@@ -79,7 +88,8 @@ class Projection:
             flux += cells.size * sum(r * gap for r, gap in zip(row, gaps, strict=True))
             flux *= line.open
             if line.has_inlet:
-                flux[line.inlet] = line.entering(feed.mean_velocity(phase.name))
+                mean = feed.mean_velocity(phase.name)
+                flux[line.inlet] = line.entering(mean) * phase.density.thinning(line.inlet)
             if phase.name == "solids" and blocked:
                 flux[line.outlet] = 0.0
             carried.append(flux)
@@ -96,17 +106,25 @@ class Projection:
         if blocked:
             follow[0][line.outlet] = 0.0
         stiff = sum(share * part for share, part in zip(shares, follow, strict=True))
-        diagonal = cells.add(stiff)
-        if not line.has_outlet and cells.map.local_range[0] == 0:
-            # nothing else sets the level of the pressure: one cell keeps its own
-            diagonal[:1] *= 2
-        self._matrix.set([diagonal], [(-stiff[inner], -stiff[inner])])
         grown = (feed.inside.solids + feed.inside.gas) * line.volume
-        change = cells.whole(self._solve(grown - cells.sum(total), effort))
+        if compressed is None:
+            ties, diagonal, rest = stiff, cells.add(stiff), grown - cells.sum(total)
+        else:
+            ties, rest = compressed.weight * stiff, -compressed.surplus(total)
+            diagonal = cells.add(ties) + compressed.rate
+        if self._floats and cells.map.local_range[0] == 0:
+            # one cell keeps its pressure
+            diagonal[:1] *= 2
+        self._matrix.set([diagonal], [(-ties[inner], -ties[inner])])
+        change = cells.whole(self._solve(rest, effort))
         drop = np.zeros(cells.faces)
         drop[inner] = change[cells.second] - change[cells.first[inner]]
         drop[line.outlet] = -change[cells.first[line.outlet]]
-        total = self._close(total - stiff * drop, grown)
+        total = total - stiff * drop
+        if compressed is None:
+            total = self._close(total, grown)
+        else:
+            total, change = compressed.close(total, change)
         corrected = [-part * drop for part in follow]
         moved = [
             cells.whole(velocity[: cells.owned] + line.reconstruct(flux / cells.size))
@@ -132,7 +150,7 @@ class Projection:
     def _solve(self, rhs: Array, effort: dict[str, int]) -> Array:
         """Change of pressure, by a multigrid that is kept for some steps."""
         line, cells = self.line, self.line.cells
-        if not line.has_outlet:
+        if self._floats:
             rhs = rhs - cells.total(rhs) / cells.map.size_global
         keep = self._age < MULTIGRID_AGE
         zero = np.zeros(cells.owned)

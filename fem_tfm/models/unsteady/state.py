@@ -32,7 +32,8 @@ class StepFailed(SolverError):
 class Sources:
     """What is given to every volume at the end of a step: numbers, or arrays over owned cells.
 
-    solids, gas : volume of a phase, which comes with the velocity and Theta that are there [1/s]
+    solids, gas : volume of a phase, which comes with the velocity and Theta that are there; that of
+        a gas which follows the pressure at the density of the case [1/s]
     force_s, force_g : (3,) or (cells, 3) [N/m3]
     energy : granular energy, or what is taken of it [W/m3]
     """
@@ -52,7 +53,7 @@ class Sources:
 class Feed:
     """What enters and leaves at the end of a step.
 
-    gas_velocity : superficial [m/s]
+    gas_velocity : superficial, at the density of the case [m/s]
     solids_fraction, solids_velocity : of what enters [-], [m/s]
     blocked : the outlet lets the gas pass and holds the solids
     inside : what comes into the cells without passing the boundary
@@ -165,6 +166,32 @@ class Moved:
 
 
 @dataclass(frozen=True)
+class Density:
+    """Density of a phase, a number where it is constant [kg/m3].
+
+    start, cells (owned) : where the step starts, and foreseen for its end
+    faces, carried (faces) : interpolated, and upwind
+    fed : at which the velocity of the feed holds
+    """
+
+    start: Array | float
+    cells: Array | float
+    faces: Array | float
+    carried: Array | float
+    fed: float
+
+    @classmethod
+    def constant(cls, value: float) -> Density:
+        """The same everywhere."""
+        return cls(value, value, value, value, value)
+
+    def thinning(self, inlet: slice) -> Array | float:
+        """Volume of what enters over that at the density of the feed [-]."""
+        carried = self.carried
+        return self.fed / (carried[inlet] if isinstance(carried, np.ndarray) else carried)
+
+
+@dataclass(frozen=True)
 class Stirred:
     """What the turbulence of a state does to both phases; arrays over all cells.
 
@@ -177,6 +204,7 @@ class Stirred:
     normal : normal stress of the eddies over a rho, of "k" and "k_s" [m2/s2]; None without any
     spread, rate, stiffness : of each scale X that is transported: diffusivity [m2/s], sources over
         X [1/s], and how fast they fall with ln X [1/s]
+    relative : density of the gas over that of the case [-], None where it is constant
     """
 
     gradient: Array
@@ -188,6 +216,7 @@ class Stirred:
     spread: Mapping[str, Array]
     rate: Mapping[str, Array]
     stiffness: Mapping[str, Array]
+    relative: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -223,7 +252,7 @@ class Phase:
     """
 
     name: str
-    density: float
+    density: Density
     fraction: Array
     before: Array
     velocity: Array

@@ -7,6 +7,7 @@ the step of the implicit Euler method for ln X, and s the slope by which r falls
     a (dt r/(e^q - 1)) (X - e^q X_0)/dt + a u.grad X = div(a D grad X)
 
 which X_0 fulfils where it is steady, and which carries a positive X to a positive one at any step.
+Where the density of the gas follows the pressure, a is the share of its mass, a rho_g/rho_ref.
 It is of first order in space and time. Coefficients are those of the state before the step.
 """
 
@@ -94,14 +95,18 @@ class Turbulence:
 
     # -- what the laws make of a state ---------------------------------------------------------
 
-    def stir(self, now: Moment) -> Stirred:
-        """What the turbulence of a state does, in all cells (collective)."""
-        line, cells, laws = self.line, self.line.cells, self.laws
+    def stir(self, now: Moment, relative: Array | None = None) -> Stirred:
+        """What the turbulence of a state does, in all cells (collective).
+
+        relative : density of the gas over that of the case [-], None where it is constant
+        """
+        line, cells = self.line, self.line.cells
+        laws = self.laws if relative is None else self.laws.of(relative)
         gradient = cells.whole(cells.gradient(now.u_g))
         scales = [now.scales[name] for name in self._of_gas]
         eddies = laws.eddies(self._mirrored(gradient), *line.gas_profile, *scales)
-        eddies = self._at_wall(eddies, now)
-        grains = self._grains(now) if laws.solids else None
+        eddies = self._at_wall(eddies, now, laws)
+        grains = self._grains(now, laws) if laws.solids else None
         gas = self._met(eddies)
         balances = self._balances(eddies, gas, grains)
         nu_s, spread, drag, normal = 0.0, None, None, None
@@ -129,11 +134,12 @@ class Turbulence:
             {name: balance.diffusivity / stretch[name] for name, balance in balances.items()},
             {name: balance.rate * stretch[name] for name, balance in balances.items()},
             {name: stiff * stretch[name] for name, stiff in stiffness.items()},
+            relative,
         )
 
     def _met(self, eddies: Eddies) -> GasEddies:
         """Gas turbulence as the grains meet it."""
-        density = self.laws.gas.density
+        density = eddies.gas.density
         nu_t = self.gas_law.viscosity(eddies) / density
         return GasEddies(eddies.k, eddies.eps, nu_t, density, K_FLOOR * self.laws.speed**2)
 
@@ -164,9 +170,9 @@ class Turbulence:
             found |= self._balances(eddies, gas, risen, "solids")
         return {name: balance.rate for name, balance in found.items()}
 
-    def _grains(self, now: Moment) -> Grains:
+    def _grains(self, now: Moment, laws: CellLaws) -> Grains:
         """What the laws of dispersed turbulence see of the solids."""
-        line, cells, laws = self.line, self.line.cells, self.laws
+        line, cells = self.line, self.line.cells
         slip, alpha = now.u_g - now.u_s, np.maximum(now.alpha, SMALLEST_FRACTION)
         g0, kinetic = laws.kinetic(alpha, now.theta)
         crowding = cells.whole(cells.gradient(now.alpha))
@@ -207,21 +213,23 @@ class Turbulence:
         np.subtract.at(found, edge, 0.5 * slope[:, :, None] * normal[:, None, :])
         return cells.exchange(found)
 
-    def _at_wall(self, eddies: Eddies, now: Moment) -> Eddies:
+    def _at_wall(self, eddies: Eddies, now: Moment, laws: CellLaws) -> Eddies:
         """Eddies whose shear in the wall's cells knows of the wall, as their gradient does not.
 
         S = min(S_w/2 + S_g, max(S_w, S_g)), by the traction of the wall, (mu + mu_t) S_w, and by
         the gradient. In a log layer of cells of one height S_w/2 = S_g = u_tau/(2 kappa y), in a
         viscous one S_w = S_g; where grains bear the stress within a cell it is half of S_w.
         """
-        line, cells, laws, edges = self.line, self.line.cells, self.laws, self._edges
+        line, cells, edges = self.line, self.line.cells, self._edges
         if not line.has_wall or not self._of_gas:
             return eddies
-        first, within = cells.first[line.wall], _at(eddies, edges)
+        first = cells.first[line.wall]
+        within = _at(eddies, edges, laws.within(edges).gas)
         slip = laws.slip(now.u_g[first], line.normal[line.wall])
         friction = laws.gas.viscosity / self._height
         if not laws.walls.gas.strong:
-            friction = laws.gas_friction(1.0, slip, self._height, eddies.k[first])
+            beside = laws.within(first)
+            friction = beside.gas_friction(1.0, slip, self._height, eddies.k[first])
         squares = np.zeros(cells.owned)
         np.add.at(squares, first, (friction * slip) ** 2)
         traction = np.sqrt(squares[edges])
@@ -262,7 +270,7 @@ class Turbulence:
         SolverError
             the linear solver does not converge.
         """
-        passed = 0.0 if moved is None else moved.passed
+        cells, passed = self.line.cells, 0.0 if moved is None else moved.passed
         effort["turbulence"] = 0
         found: dict[str, Array] = {}
         for phase, names, fraction, flux in (
@@ -270,6 +278,9 @@ class Turbulence:
             ("solids", self._of_solids, now.alpha, passed),
         ):
             fraction = np.maximum(fraction, SMALLEST_FRACTION)
+            if phase == "gas" and stirred.relative is not None:
+                # what is carried belongs to the mass
+                fraction, flux = fraction * stirred.relative, flux * cells.mean(stirred.relative)
             entering = self._entering(phase, feed.mean_velocity(phase)) if names else {}
             for name in names:
                 found[name] = self._carried(
@@ -316,6 +327,8 @@ class Turbulence:
         if not self.line.has_wall or name not in self._of_gas or name == self._of_gas[0]:
             return None
         laws, edges = self.laws, self._edges
+        if stirred.relative is not None:
+            laws = laws.of(stirred.relative).within(edges)
         k = found[self._of_gas[0]][edges]
         distance = self.line.gas_profile[0][edges]
         eddies = Eddies(None, distance, laws.gas, laws.width / 2, k=k)
@@ -344,7 +357,7 @@ def _strained(eddies: Eddies, strain: Array) -> Eddies:
     return replace(eddies, strain=strain, spin=eddies.spin * strain / eddies.strain)
 
 
-def _at(eddies: Eddies, which: Any) -> Eddies:
-    """Eddies of some cells."""
+def _at(eddies: Eddies, which: Any, gas: Any) -> Eddies:
+    """Eddies of some cells, and the gas there."""
     names = ("strain", "distance", "spin", "skewness", "k", "eps")
-    return replace(eddies, **{name: getattr(eddies, name)[which] for name in names})
+    return replace(eddies, gas=gas, **{name: getattr(eddies, name)[which] for name in names})
