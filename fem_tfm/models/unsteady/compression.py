@@ -28,6 +28,9 @@ from fem_tfm.models.unsteady.line import Line
 from fem_tfm.models.unsteady.state import Density, Feed, Moment, Moved
 from fem_tfm.solvers.cells import Array
 
+# velocity that counts as none, over U
+STILL = 1e-12
+
 
 @dataclass(frozen=True)
 class Thickness:
@@ -111,8 +114,10 @@ class IdealGas:
     def _on_faces(self, relative: Array, flux: Array) -> tuple[Array, Array]:
         """d of all cells on faces, interpolated and upwind of a flux (collective)."""
         line, cells, inner = self.line, self.line.cells, self.line.inner
-        toward, faces = np.sign(flux), cells.mean(relative)
-        upwind = relative[cells.first]
+        # of a flux that is nothing but round-off two ranks may see two signs
+        still = np.abs(flux) < STILL * line.speed * cells.size
+        toward, faces = np.where(still, 0.0, np.sign(flux)), cells.mean(relative)
+        upwind = np.where(still, faces, relative[cells.first])
         upwind[inner] = np.where(toward[inner] < 0, relative[cells.second], upwind[inner])
         if line.order:
             slope = cells.whole(cells.gradient(relative))
