@@ -166,24 +166,21 @@ class Momenta:
                 before = cells.whole(cells.gradient(levels.past.u_g))
                 mu = levels.grown(mu, laws.gas_viscosity(before, *line.gas_profile))
         else:
-            gradient, mu = (
-                stirred.gradient,
-                (laws.gas.viscosity + stirred.mu_t) / line.gas_profile[1],
-            )
+            gradient = stirred.gradient
+            mu = (laws.gas.viscosity + stirred.mu_t) / line.gas_profile[1]
         mu = void * mu
         flux = at.total - (0.0 if moved is None else moved.flux)
         flux[line.inlet] = 0.0
         if laws.walls.gas.strong:
             traction = mu[edge] * cells.reach[wall]
         else:
-            # found at the centre of the wall's cells
             slip = laws.slip(at.u_g[edge], line.normal[wall])
             k = at.scales["k"][edge] if "k" in at.scales else None
             beside = laws.within(edge)
             friction = beside.gas_friction(void[edge], slip, line.wall_height, k)
             traction = friction * cells.size[wall]
         steeper = None
-        if stirred is None and (mu > laws.gas.viscosity).any():
+        if not laws.laws.turbulence.transported and (mu > laws.gas.viscosity).any():
             steeper = self._steeper(mu, void, levels, laws)
         eddies = None
         if stirred is not None and stirred.normal is not None:
