@@ -18,6 +18,8 @@ from fem_tfm.flows.section import NAMES, Section
 
 CELL = 1 / 4
 TOLERANCE = 1e-6
+# of a difference, over the scale of a field: round-off of large rows hides in one, kinks in another
+STEPS = (1e-6, 1e-4)
 # with these every law of a family is met once; the first two are the quick ones
 DEFAULT: dict[str, Any] = {}
 OTHER = {
@@ -131,14 +133,17 @@ def compare(found: Section, name: str) -> dict[str, float]:
     """Relative difference of each block in the columns of one field; no entry where it is zero."""
     linear, errors = Linear(found), {}
     along, scale = linear.direction(name, 7)
-    exact, approximate = linear.matrix() @ along, linear.difference(along, 1e-6 * scale)
+    exact = linear.matrix() @ along
+    differences = [linear.difference(along, step * scale) for step in STEPS]
     for row in found.names:
-        there, seen = exact[linear.rows(row)], approximate[linear.rows(row)]
-        size = np.linalg.norm(there)
+        here = linear.rows(row)
+        size = np.linalg.norm(exact[here])
         if size == 0:
-            assert not seen.any(), f"d{row}/d{name} is missing"
+            assert not any(seen[here].any() for seen in differences), f"d{row}/d{name} is missing"
         else:
-            errors[row] = float(np.linalg.norm(seen - there) / size)
+            errors[row] = min(
+                float(np.linalg.norm((seen - exact)[here]) / size) for seen in differences
+            )
     return errors
 
 

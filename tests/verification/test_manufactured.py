@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -40,6 +41,8 @@ SCENE = {
 }
 DUCT = {"shape": "duct", "diameter": None, "width": 0.01, "height": 0.012}
 CELLS = (1 / 8, 1 / 16, 1 / 32)
+# in corners the errors of coarse cells cancel by chance
+FINER = (1 / 16, 1 / 32, 1 / 64)
 # q: the load keeps div(alpha_s u_s) off zero, and with it a diffusion that vanishes with h^2 only
 EXPECTED = {"u_g": 2.7, "p": 1.9, "u_s": 2.7, "q": 2.0, "c": 2.7}
 
@@ -119,30 +122,35 @@ def friction_share(found: Section) -> tuple[float, float]:
     return value.x.array.min(), value.x.array.max()
 
 
-def sequence(changes: dict[str, Any]) -> tuple[list[dict[str, float]], Section]:
+def sequence(
+    changes: dict[str, Any], cells: Sequence[float] = CELLS
+) -> tuple[list[dict[str, float]], Section]:
     """Errors on meshes of halved cells, and the last section."""
     case, found = problems.demo(SCENE | changes), []
-    for cell in CELLS:
+    for cell in cells:
         section = problems.section_of(case, cell)
         found.append(solve(section))
     return found, section
 
 
 @pytest.mark.parametrize(
-    "changes",
+    ("changes", "cells"),
     [
-        pytest.param({}, id="pipe"),
+        pytest.param({}, CELLS, id="pipe"),
         pytest.param(
             {f"geometry.{key}": value for key, value in DUCT.items()},
+            FINER,
             id="duct",
             marks=pytest.mark.slow,
         ),
-        pytest.param({"numerics.cells": "quadrilateral"}, id="quads", marks=pytest.mark.slow),
+        pytest.param(
+            {"numerics.cells": "quadrilateral"}, CELLS, id="quads", marks=pytest.mark.slow
+        ),
     ],
 )
-def test_order(changes: dict[str, Any]) -> None:
+def test_order(changes: dict[str, Any], cells: Sequence[float]) -> None:
     """All terms on, inclined, curved walls: third order for P2 and second for p."""
-    found, section = sequence(changes)
+    found, section = sequence(changes, cells)
     low, high = friction_share(section)
     assert low < 0.05 and high > 0.2
     coarse, middle, fine = found
