@@ -70,6 +70,8 @@ VOLUME, MASS = "alpha u_s", "M_s"
 FEEDS = (VOLUME, MASS)
 # what is drawn section by section, and the case that the paper takes as typical
 DRAWN, TYPICAL, BEST = MASS, 3, "berzi"
+# on level 1 the line ends at 26 D: k runs away at the top of the wall
+COARSEST_LINE = 2
 # layers along the height in which the laws are compared, y/D from the bottom
 BED, TOP = (0.0, 0.2), (0.7, 1.0)
 STATIONS = (20.0, 60.0, 100.0, 120.0, 150.0, 180.0, 220.0)
@@ -640,7 +642,7 @@ def run(out: Path, level: int | None = None, changes: Iterable[str] = ()) -> Stu
     solve_rows(study, tell=say)
     solve_meshes(study, range(1, level + 3))
     say(f"meshes: {', '.join(f'{m.drop / 1e3:.3f}' for m in study.meshes)} kPa")
-    solve_line(study, max(level - 1, 1))
+    solve_line(study, max(level - 1, COARSEST_LINE))
     for text in cost(study):
         say(text)
     # the last part is the longest, and the report is of use before it

@@ -358,7 +358,7 @@ def test_ranks_agree_on_a_line(chosen: dict[str, Any]) -> None:
 @pytest.mark.parametrize("law", ["k-epsilon", "realizable-4eq"])
 def test_a_line_with_transported_turbulence_ends_on_the_developed_section(law: str) -> None:
     """Gradient and hold-up of the section with the same fluxes."""
-    long = line(closures__turbulence=law, geometry__length=8.0, numerics__axial_step=0.4)
+    long = line(closures__turbulence=law, geometry__length=10.0, numerics__axial_step=0.4)
     found = developing.solve(long)
     case = problems.demo(COARSE | {"solution": "developed", "closures.turbulence": law})
     wanted = dense.quantities(problems.solved(case, 1 / 4), 1.0)
