@@ -158,7 +158,7 @@ def test_the_whole_study(study: Any, tmp_path: Path) -> None:
     assert len(made.answers) == 30
     assert sum(bool(a.point.quantities) for a in made.answers.values()) >= 28
     assert not made.line.reason
-    # 2.4 m leave 2.7 %: the eddies take longer to even out
+    # the eddies' normal stress keeps the line restless: 2.7 % off at 2.4 m
     assert made.line.gradient == pytest.approx(made.line.section, rel=0.03)
     page = (tmp_path / "study.html").read_text(encoding="utf-8")
     assert page.count("data:image/png") == 8
