@@ -65,11 +65,12 @@ class SolidsFraction:
         alpha = np.maximum(old.alpha, 0.0)
         w = alpha / (limit - alpha)
 
-        lift, spread = 0.0, np.zeros(cells.faces)
+        lift, spread = 0.0, None
         if stirred is not None:
             lift = 0.0 if stirred.normal is None else stirred.normal["k_s"]
             if stirred.dispersion is not None:
-                spread[inner] = self._spread(levels, stirred)[inner]
+                spread = self._spread(levels, stirred)
+                spread[edge] = 0.0
 
         def pressure(alpha: Array) -> Array:
             return self.laws.solids_pressure(alpha, theta, rates, lift)
@@ -83,24 +84,23 @@ class SolidsFraction:
         stiff = stiffness(w, p_s)
         # where the pressure is too stiff for the step, its waves would run on without end: there
         # the flux is that at the end of the step, which damps them
-        sound = np.zeros(cells.count)
         ties[inner] = push
-        sound[: cells.owned] = (
-            cells.add(ties) / rate * (stiff * alpha * (1 + w) ** 2)[: cells.owned]
-        )
-        sound = cells.exchange(sound / limit)
+        slow = (stiff * alpha * (1 + w) ** 2)[line.own] / limit
+        sound = cells.whole(cells.add(ties) / rate * slow)
         sound = np.maximum(sound.take(first), sound.take(second))
         flux = old.carried - old.pushed
-        # what spreads further than a cell in a step is not carried on either
-        wide = np.zeros(cells.count)
-        wide[: cells.owned] = cells.add(spread) / rate
-        wide = np.max(cells.exchange(wide)[np.stack([first, second])], axis=0)
-        carried_on = np.maximum(sound / (1 + sound), levels.trust[inner] / (1 + wide**2))
+        trust = levels.trust[inner]
+        if spread is not None:
+            # what spreads further than a cell in a step is not carried on either
+            wide = cells.whole(cells.add(spread) / rate)
+            trust = trust / (1 + np.maximum(wide.take(first), wide.take(second)) ** 2)
+        carried_on = np.maximum(sound / (1 + sound), trust)
         span = np.broadcast_to(levels.span_faces, cells.faces)[inner]
         flux[inner] += carried_on * span * old.gained[inner]
-        # what eddies have spread is there; what they will spread beyond it is found below
-        flux[inner] += spread[inner] * (alpha[second] - alpha[first])
-        spread[inner] *= share[inner]
+        if spread is not None:
+            # what eddies have spread is there; what they will spread beyond it is found below
+            flux[inner] += spread[inner] * (alpha.take(second) - alpha.take(first))
+            spread *= share
         flux[line.inlet] = 0.0
         if feed.blocked:
             flux[line.outlet] = 0.0
@@ -112,21 +112,26 @@ class SolidsFraction:
         beyond = np.zeros(cells.faces)
         added = levels.span / dt * feed.inside.solids + levels.given
 
-        def fluxes(alpha: Array, p_s: Array) -> Array:
+        def fluxes(alpha: Array, p_s: Array) -> tuple[Array, Array]:
+            """What passes faces, and the fraction upwind of the inner ones."""
+            here, there = alpha.take(first), alpha.take(second)
             # upwind by what the pressure leaves of the flux: grains at rest do not creep
             moved = flux[inner] - push * (p_s.take(second) - p_s.take(first))
-            moved -= spread[inner] * (alpha.take(second) - alpha.take(first))
+            if spread is not None:
+                moved -= spread[inner] * (there - here)
             np.maximum(moved, 0.0, out=ahead[inner])
             np.subtract(ahead[inner], moved, out=back[inner])
+            upwind = np.where(moved > 0, here, there)
             found = np.empty(cells.faces)
-            found[inner] = ahead[inner] * alpha.take(first) - back[inner] * alpha.take(second)
+            np.multiply(moved, upwind, out=found[inner])
             found[edge] = ahead[edge] * alpha[self._edges]
             found[line.inlet] = entering
-            return found + levels.kept
+            found += levels.kept
+            return found, upwind
 
         for iteration in range(1, ITERATIONS + 1):
             effort["solids fraction"] = iteration
-            through = fluxes(alpha, p_s)
+            through, upwind = fluxes(alpha, p_s)
             if line.order and iteration <= SLOPES:
                 beyond = self._beyond(ahead - back, alpha, levels, rate)
             through += beyond
@@ -140,23 +145,21 @@ class SolidsFraction:
             if iteration > 1:
                 stiff = stiffness(w, p_s)
             slope = limit / (1 + w) ** 2
-            forward = ahead[inner] > 0
-            upwind = np.where(forward, alpha.take(first), alpha.take(second))
-            ties[inner] = spread[inner] * upwind
-            diagonal = (rate + cells.sum_out(ahead, back) + cells.add(ties)) * slope[: cells.owned]
-            wider = ties[inner].copy()
-            ties[inner] = upwind = push * upwind
-            diagonal += cells.add(ties) * stiff[: cells.owned]
-            self.matrix.set(
-                [diagonal],
-                [
-                    (
-                        -(back[inner] + wider) * slope.take(second) - upwind * stiff.take(second),
-                        -(ahead[inner] + wider) * slope.take(first) - upwind * stiff.take(first),
-                    )
-                ],
-            )
-            self._krylov.renew()
+            leave, enter = ahead, back
+            if spread is not None:
+                wider = spread[inner] * upwind
+                leave, enter = ahead.copy(), back.copy()
+                leave[inner] += wider
+                enter[inner] += wider
+            diagonal = (rate + cells.sum_out(leave, enter)) * slope[line.own]
+            ties[inner] = pushed = push * upwind
+            diagonal += cells.add(ties) * stiff[line.own]
+            across = [
+                -(through_it[inner] * slope.take(cell) + pushed * stiff.take(cell))
+                for through_it, cell in ((enter, second), (leave, first))
+            ]
+            self.matrix.set([diagonal], [(across[0], across[1])])
+            self._krylov.renew(keep=iteration > 1)
             change = self._krylov.solve(-residual, np.zeros(cells.owned))
             # w stays positive and finite, and p_s is nearly linear in it
             own = w[: cells.owned]
@@ -164,7 +167,7 @@ class SolidsFraction:
             alpha = limit * w / (1 + w)
             p_s = pressure(alpha)
             if cells.largest(np.abs(change) * slope[: cells.owned]) < CHANGE:
-                through = fluxes(alpha, p_s) + beyond
+                through = fluxes(alpha, p_s)[0] + beyond
                 break
         else:
             raise SolverError("Newton's method of the solids fraction does not converge")
@@ -173,7 +176,8 @@ class SolidsFraction:
         lowest = -cells.largest(-alpha)
         if lowest < -1e-9 or cells.largest(alpha) >= limit:
             raise SolverError("the solids fraction leaves its bounds")
-        moved = np.where(np.arange(cells.faces) < cells.inner, ahead - back, flux)
+        moved = flux
+        moved[inner] = (ahead - back)[inner]
         moved = moved / share
         moved[line.inlet] = line.entering(feed.solids_velocity)
         dilation = cells.whole(cells.sum(moved) / line.volume)
