@@ -159,7 +159,7 @@ class SolidsFraction:
                 for through_it, cell in ((enter, second), (leave, first))
             ]
             self.matrix.set([diagonal], [(across[0], across[1])])
-            self._krylov.renew(keep=iteration > 1)
+            self._krylov.renew()
             change = self._krylov.solve(-residual, np.zeros(cells.owned))
             # w stays positive and finite, and p_s is nearly linear in it
             own = w[: cells.owned]
