@@ -25,13 +25,12 @@ Symbols: S shear rate [1/s], nu = mu_g/rho_g [m2/s], y distance to the wall [m].
 
 from __future__ import annotations
 
-import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
 from fem_tfm.closures.base import parameter, register
-from fem_tfm.closures.ops import Value, acos, cos, exp, ln, positive_part, softplus, sqrt, tanh
+from fem_tfm.closures.ops import Value, exp, ln, positive_part, softplus, sqrt, tanh
 from fem_tfm.closures.turbulence import Balance, Eddies, Turbulence, nikuradse
 
 C_MU = 0.09
@@ -166,10 +165,8 @@ class StandardKEpsilon(TwoEquation):
 
 
 def realizable_c_mu(eddies: Eddies, constant: Value) -> Value:
-    """C_mu = 1/(A_0 + A_s U* k/eps), A_s = sqrt(6) cos(acos(sqrt(6) W)/3) [-]."""
-    # a little inside -1 and 1, where the slope of the arc cosine is finite
-    angle = acos((1 - _KINK) * eddies.skewness) / 3
-    return 1 / (constant + math.sqrt(6) * cos(angle) * eddies.spin * eddies.k / eddies.eps)
+    """C_mu = 1/(A_0 + A_s U* k/eps) [-]."""
+    return 1 / (constant + eddies.A_s * eddies.spin * eddies.k / eddies.eps)
 
 
 def realizable_growth(eddies: Eddies, c_2: Value, floor: Value) -> Value:

@@ -12,15 +12,17 @@ the hydraulic diameter [m], rho_g [kg/m3], mu_g [Pa s].
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from fem_tfm.closures.base import Closure, parameter, register
 from fem_tfm.closures.materials import Gas
-from fem_tfm.closures.ops import Value, exp, maximum, safe_pow
+from fem_tfm.closures.ops import Value, acos, cos, exp, maximum, safe_pow
 
 _TINY_RE = 1e-4
+_KINK = 1e-3
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Eddies:
     gas : density and viscosity
     radius : R [m]
     spin : U* = sqrt(S_ij S_ij + Omega_ij Omega_ij) [1/s]
-    skewness : sqrt(6) W = sqrt(6) S_ij S_jk S_ki/(S_ij S_ij)^1.5, from -1 to 1
+    A_s : of the realizable laws, as `realizable_slope` gives it [-]
     k, eps : turbulent energy [m2/s2] and its dissipation [m2/s3], where they are transported
     """
 
@@ -41,9 +43,20 @@ class Eddies:
     gas: Gas
     radius: Any
     spin: Any = None
-    skewness: Any = None
+    A_s: Any = None
     k: Any = None
     eps: Any = None
+
+
+def realizable_slope(skewness: Value) -> Value:
+    """A_s = sqrt(6) cos(acos(sqrt(6) W)/3) of sqrt(6) W, from -1 to 1 [-].
+
+    W = S_ij S_jk S_ki/(S_ij S_ij)^1.5; a little inside -1 and 1, where the slope of the arc cosine
+    is finite.
+
+    Source: Shih et al. (1995), Computers Fluids 24, 227-238.
+    """
+    return math.sqrt(6) * cos(acos((1 - _KINK) * skewness) / 3)
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from fem_tfm.closures.base import Closure
 from fem_tfm.closures.dispersed import GasEddies, Grains
 from fem_tfm.closures.granular import Kinetic, algebraic_theta
 from fem_tfm.closures.materials import Gas, Solids
-from fem_tfm.closures.turbulence import Balance, Eddies
+from fem_tfm.closures.turbulence import Balance, Eddies, realizable_slope
 from fem_tfm.closures.walls import GasWallState, WallState
 from fem_tfm.models.axis import Axis
 
@@ -305,7 +305,9 @@ class TwoFluid:
         return replace(
             found,
             spin=ufl.sqrt(shear / 2 + ufl.inner(turn, turn)) / slope,
-            skewness=math.sqrt(6) * ufl.inner(strain * strain, strain) / (shear / 2) ** 1.5,
+            A_s=realizable_slope(
+                math.sqrt(6) * ufl.inner(strain * strain, strain) / (shear / 2) ** 1.5
+            ),
             k=ufl.exp(ln_k),
             eps=ufl.exp(ln_eps),
         )

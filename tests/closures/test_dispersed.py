@@ -8,7 +8,7 @@ import pytest
 
 from fem_tfm.closures import make, names
 from fem_tfm.closures.dispersed import GasEddies, Grains
-from fem_tfm.closures.turbulence import Eddies
+from fem_tfm.closures.turbulence import Eddies, realizable_slope
 
 GAS = GasEddies(k=0.3, eps=40.0, nu=0.09 * 0.3**2 / 40.0, density=33.5, floor=0.01)
 
@@ -16,7 +16,9 @@ GAS = GasEddies(k=0.3, eps=40.0, nu=0.09 * 0.3**2 / 40.0, density=33.5, floor=0.
 @pytest.fixture
 def grains(coal, nitrogen):
     """A suspension of 20 % that slips at 0.5 m/s."""
-    own = Eddies(800.0, 1e-3, nitrogen, 5e-3, spin=800.0, skewness=0.0, k=0.02, eps=1.5)
+    own = Eddies(
+        800.0, 1e-3, nitrogen, 5e-3, spin=800.0, A_s=realizable_slope(0.0), k=0.02, eps=1.5
+    )
     return Grains(0.2, 0.04, 2.0, 2e4, 0.5, -30.0, coal, viscosity=1e-4, eddies=own)
 
 

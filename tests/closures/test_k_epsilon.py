@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from fem_tfm.closures import make
-from fem_tfm.closures.turbulence import Eddies
+from fem_tfm.closures.turbulence import Eddies, realizable_slope
 
 LAWS = ("k-epsilon", "realizable")
 U_TAU, KAPPA = 0.3, 0.41
@@ -17,17 +17,17 @@ def log_layer(gas, y, u_tau=U_TAU):
     """Equilibrium in simple shear: k = u^2/sqrt(C_mu), eps = u^3/(kappa y), S = u/(kappa y)."""
     strain = u_tau / (KAPPA * y)
     k, eps = u_tau**2 / 0.3, u_tau**3 / (KAPPA * y)
-    return Eddies(strain, y, gas, 1e6, spin=strain, skewness=0.0, k=k, eps=eps)
+    return Eddies(strain, y, gas, 1e6, spin=strain, A_s=realizable_slope(0.0), k=k, eps=eps)
 
 
 def of(eddies, method, *rest):
-    """A method of a law as a function of k, eps, strain, spin and skewness."""
+    """A method of a law as a function of k, eps, strain, spin and A_s."""
 
-    def function(k, eps, strain, spin, skewness):
-        state = replace(eddies, k=k, eps=eps, strain=strain, spin=spin, skewness=skewness)
+    def function(k, eps, strain, spin, A_s):
+        state = replace(eddies, k=k, eps=eps, strain=strain, spin=spin, A_s=A_s)
         return method(state, *rest)
 
-    values = [eddies.k, eddies.eps, eddies.strain, eddies.spin, eddies.skewness]
+    values = [eddies.k, eddies.eps, eddies.strain, eddies.spin, eddies.A_s]
     return function, values
 
 
@@ -66,7 +66,10 @@ def test_realizable_coefficients_in_closed_numbers(agree, nitrogen):
     assert agree(c_mu, *values) == pytest.approx(shear, rel=1e-9)
     assert shear == pytest.approx(0.09, rel=2e-3)
     # uniaxial strain: acos(1) = 0
-    assert agree(c_mu, *values[:4], 1.0) == pytest.approx(1 / (4.04 + math.sqrt(6) * eta), rel=1e-3)
+    stretched = realizable_slope(1.0)
+    assert agree(c_mu, *values[:4], stretched) == pytest.approx(
+        1 / (4.04 + math.sqrt(6) * eta), rel=1e-3
+    )
     growth, values = of(eddies, law.growth)
     frequency = eddies.eps / eddies.k
     assert agree(growth, *values) == pytest.approx((0.43 * eta - 1.9) * frequency, rel=1e-3)
@@ -119,7 +122,7 @@ def test_only_oversized_eddies_are_pulled_in_the_core(nitrogen, name):
 def test_slopes_match_differences(smooth, nitrogen, name):
     law = make("turbulence", name)
     for y in (1e-5, 2e-4, 5e-3):
-        eddies = replace(log_layer(nitrogen, y), skewness=0.2)
+        eddies = replace(log_layer(nitrogen, y), A_s=realizable_slope(0.2))
         for method in (law.kinematic, law.growth, law.pull, law.wall_dissipation):
             function, values = of(eddies, method)
             smooth(function, values, difference=True)
@@ -132,3 +135,13 @@ def test_estimate(name):
     k = 1.5 * 0.6**2
     assert found["ln_k"] == pytest.approx(math.log(k))
     assert found["ln_eps"] == pytest.approx(math.log(0.09**0.75 * k**1.5 / 1e-3))
+
+
+def test_slope_of_the_realizable_laws(agree, smooth):
+    """A_s = sqrt(6) cos(acos(x)/3): sqrt(6) cos(30 deg) in simple shear, sqrt(6) in stretching."""
+    assert agree(realizable_slope, 0.0) == pytest.approx(
+        math.sqrt(6) * math.cos(math.pi / 6), rel=1e-3
+    )
+    assert agree(realizable_slope, 1.0) == pytest.approx(math.sqrt(6), rel=1e-3)
+    for x in (-1.0, -0.3, 0.2, 1.0):
+        smooth(realizable_slope, [x], difference=True)

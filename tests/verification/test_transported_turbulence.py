@@ -22,7 +22,7 @@ from test_jacobian import TOLERANCE, compare
 
 from fem_tfm.closures.dispersed import GasEddies, Grains
 from fem_tfm.closures.materials import Gas, Solids
-from fem_tfm.closures.turbulence import Eddies
+from fem_tfm.closures.turbulence import Eddies, realizable_slope
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows import dense, start
 from fem_tfm.flows.dense import setup_of
@@ -195,7 +195,7 @@ class Strong:
             GAS,
             problems.RADIUS,
             spin=np.sqrt(square + turn) / slope,
-            skewness=math.sqrt(6) * cube / square**1.5,
+            A_s=realizable_slope(math.sqrt(6) * cube / square**1.5),
             k=np.exp(self.field(k)(x)),
             eps=np.exp(self.field(eps)(x)),
         )

@@ -359,5 +359,5 @@ def _strained(eddies: Eddies, strain: Array) -> Eddies:
 
 def _at(eddies: Eddies, which: Any, gas: Any) -> Eddies:
     """Eddies of some cells, and the gas there."""
-    names = ("strain", "distance", "spin", "skewness", "k", "eps")
+    names = ("strain", "distance", "spin", "A_s", "k", "eps")
     return replace(eddies, gas=gas, **{name: getattr(eddies, name)[which] for name in names})
