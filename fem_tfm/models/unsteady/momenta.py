@@ -35,11 +35,13 @@ class _Equation:
     """Momentum of one phase in all owned cells.
 
     diagonal, across : of the matrix, as `CellMatrix.set` takes them
+    held : what walls add to the diagonal of each component, (cells, 3)
     side, lagging : right-hand side, and its part that follows the velocity [N]
     """
 
     diagonal: Array
     across: tuple[Array, Array]
+    held: Array
     side: Array
     lagging: Array
 
@@ -64,6 +66,9 @@ class Momenta:
             np.ascontiguousarray(vectors[line.inner].T)
             for vectors in (line.cells.area, line.cells.skew)
         )
+        # |n_i| sum |n_j|: what this diagonal has beyond n n is no smaller than what it lacks
+        shares = np.abs(line.normal[line.sides])
+        self._grip = shares * shares.sum(axis=1, keepdims=True)
         self._matrix = CellMatrix(line.cells, 1 if laws.solids is None else 2)
         self._krylov = Krylov(self._matrix, "transport", TRANSPORT_TOLERANCE)
 
@@ -268,7 +273,7 @@ class Momenta:
 
     def _stress(self, phase: Phase, velocity: Array, gradient: Array) -> Array:
         """What the implicit difference leaves of the viscous force on the owned cells [N]."""
-        cells, inner = self.line.cells, self.line.inner
+        cells, inner, sides = self.line.cells, self.line.inner, self.line.sides
         # one array for each component, which is several times as fast as one of tensors
         rate = np.ascontiguousarray(cells.mean(gradient.reshape(-1, 9))[inner].T)
         mu = cells.mean(phase.viscosity)[inner]
@@ -283,7 +288,32 @@ class Momenta:
         if phase.steeper is not None:
             rise = velocity.take(cells.first[inner], axis=0) - velocity.take(cells.second, axis=0)
             force[inner] += phase.steeper[inner, None] * rise
+        edge, normal = cells.first[sides], self.line.normal[sides]
+        here, pull = gradient[edge], self._pull(phase)[:, None]
+        across = np.einsum("ni,nij,nj->n", normal, here, normal)
+        along = np.einsum("nii->n", here) - across
+        force[sides] = (self._second(phase)[edge] * along)[:, None] * cells.area[sides]
+        u = velocity[edge]
+        force[sides] += pull * (self._grip * u - np.einsum("ni,ni->n", u, normal)[:, None] * normal)
         return cells.sum(force)
+
+    def _pull(self, phase: Phase) -> Array:
+        """Force over the normal velocity by which sides of the line hold it [kg/s].
+
+        Nothing passes them, so that the normal velocity falls to zero within their cells: the
+        normal stress there is (4/3 mu + bulk) du_n/dn and what spreads along the side.
+        """
+        line, cells = self.line, self.line.cells
+        edge = cells.first[line.sides]
+        found = (2 * phase.viscosity + self._second(phase))[edge] * cells.reach[line.sides]
+        # the law of a wall slows all components
+        found[: line.wall.stop - line.wall.start] -= phase.traction
+        return np.maximum(found, 0.0)
+
+    @staticmethod
+    def _second(phase: Phase) -> Array:
+        """Second viscosity bulk - 2/3 mu [Pa s]."""
+        return phase.bulk - 2 / 3 * phase.viscosity
 
     # -- the linear system ---------------------------------------------------------------------
 
@@ -312,11 +342,7 @@ class Momenta:
             self._equation(phase, acceleration, levels, feed)
             for phase, acceleration in zip(phases, accelerated, strict=True)
         ]
-        blocks = [one.diagonal for one in equations]
-        if many == 2:
-            blocks = [blocks[0] + coupling, -coupling, -coupling, blocks[1] + coupling]
-        self._matrix.set(blocks, [one.across for one in equations])
-        self._krylov.renew()
+        across = [one.across for one in equations]
         found = np.empty((cells.owned, many, 3))
         start = np.stack([phase.velocity[own] for phase in phases], axis=1)
         effort["momentum"] = 0
@@ -334,6 +360,11 @@ class Momenta:
                 later = self._lagging(phases[k], u, gradient, levels)
                 side[:, k] += later - equations[k].lagging
             for i in range(3):
+                blocks = [one.diagonal + one.held[:, i] for one in equations]
+                if many == 2:
+                    blocks = [blocks[0] + coupling, -coupling, -coupling, blocks[1] + coupling]
+                self._matrix.set(blocks, across)
+                self._krylov.renew(keep=bool(i or velocities))
                 x = self._krylov.solve(side[:, :, i].ravel(), start[:, :, i].ravel(), enough)
                 effort["momentum"] += self._krylov.iterations
                 found[:, :, i] = x.reshape(-1, many)
@@ -370,9 +401,10 @@ class Momenta:
             missing = entering - back[line.inlet]
             cells.to_boundary("inlet", diagonal, missing)
             cells.to_boundary("inlet", side, entering[:, None] * velocity)
-        return _Equation(
-            diagonal, (-(back + spread)[inner], -(ahead + spread)[inner]), side, lagging
-        )
+        held = np.zeros((cells.owned, 3))
+        np.add.at(held, cells.first[line.sides], self._pull(phase)[:, None] * self._grip)
+        across = -(back + spread)[inner], -(ahead + spread)[inner]
+        return _Equation(diagonal, across, held, side, lagging)
 
     def _lagging(self, phase: Phase, velocity: Array, gradient: Array, levels: Levels) -> Array:
         """Force on the owned cells that the matrix does not hold, of a known velocity [N]."""
