@@ -12,6 +12,7 @@ the second, and out of the domain on the boundary.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 
 import dolfinx.la
@@ -446,10 +447,14 @@ class CellMatrix:
     """Sparse matrix that couples each cell with the cells across its faces.
 
     width : unknowns in a cell; they couple with each other, and each with its own kind next door
+    components : of a vector that each of them is
+    tied : owned cells in which the components of an unknown couple
     """
 
-    def __init__(self, cells: Cells, width: int = 1) -> None:
-        self.cells, self.width = cells, width
+    def __init__(
+        self, cells: Cells, width: int = 1, components: int = 1, tied: Array | None = None
+    ) -> None:
+        self.cells, self.width, self.components = cells, width, components
         ours = cells.map.local_to_global(np.arange(cells.count, dtype=np.int32))
         first, second = cells.first[: cells.inner], cells.second
         self._mine, self._yours = (
@@ -458,32 +463,44 @@ class CellMatrix:
             for cell in (first, second)
         )
         rows, columns = [], []
-        own = ours[: cells.owned]
-        for i in range(width):
-            for j in range(width):
-                rows.append(own * width + i)
-                columns.append(own * width + j)
-        for i in range(width):
+        own, many = ours[: cells.owned], width * components
+        for start in range(0, many, width):
+            for i in range(start, start + width):
+                for j in range(start, start + width):
+                    rows.append(own * many + i)
+                    columns.append(own * many + j)
+        for i in range(many):
             for a, b, mask in ((first, second, self._mine), (second, first, self._yours)):
-                rows.append(ours[a[mask]] * width + i)
-                columns.append(ours[b[mask]] * width + i)
-        size = (cells.owned * width, cells.map.size_global * width)
+                rows.append(ours[a[mask]] * many + i)
+                columns.append(ours[b[mask]] * many + i)
+        for i, j in itertools.permutations(range(components), 2):
+            for k in range(width):
+                rows.append(ours[tied] * many + i * width + k)
+                columns.append(ours[tied] * many + j * width + k)
+        size = (cells.owned * many, cells.map.size_global * many)
         self.matrix = PETSc.Mat().createAIJ((size, size), comm=cells.comm)
         index = PETSc.IntType
         self.matrix.setPreallocationCOO(
             np.concatenate(rows).astype(index), np.concatenate(columns).astype(index)
         )
 
-    def set(self, diagonal: Sequence[Array], across: Sequence[tuple[Array, Array]]) -> None:
+    def set(
+        self,
+        diagonal: Sequence[Array],
+        across: Sequence[tuple[Array, Array]],
+        ties: Sequence[Array] = (),
+    ) -> None:
         """New values.
 
-        diagonal : width^2 arrays over owned cells, row by row
+        diagonal : for each component width^2 arrays over owned cells, row by row
         across : for each unknown, entries of the first cell's row and of the second's over inner
-            faces
+            faces, the same for all components
+        ties : for each component and each other one, entries of each unknown over the tied cells
         """
         values = list(diagonal)
-        for ahead, back in across:
+        for ahead, back in [*across] * self.components:
             values += [ahead[self._mine], back[self._yours]]
+        values += ties
         self.matrix.setValuesCOO(np.concatenate(values), PETSc.InsertMode.INSERT_VALUES)
 
     def destroy(self) -> None:

@@ -113,6 +113,49 @@ def test_turbulent_gas_between_plates_feels_the_wall_alike_on_every_mesh(layers:
     assert gradient == pytest.approx(brentq(lambda g: bulk(g) - speed, 500.0, 1e4), rel=0.015)
 
 
+@pytest.mark.parametrize("angle", [0.0, 0.6])
+@pytest.mark.parametrize("sides", ["s", "w"])
+@pytest.mark.parametrize("step", [1e-3, 0.05])
+def test_a_vortex_in_a_box_dies_as_its_sides_bear_it(
+    step: float, sides: str, angle: float, order: int
+) -> None:
+    """u = (cos kx sin ky, -sin kx cos ky) exp(-2 nu k^2 t): nothing rubs, du_n/dn is largest."""
+    size, viscosity, cells = 0.01, 1e-2, 16
+    mesh = box((size, size, size / cells), (cells, cells, 1), f"{4 * sides}ss")
+    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    points = mesh.mesh.geometry.x
+    points[:, :2] = points[:, :2] @ turn.T
+    found = flow(mesh, {"gas": {"density": 1.0, "viscosity": viscosity}}, alone=True, order=order)
+    k = math.pi / size
+    x, y = k * (found.cells.centre[:, :2] @ turn).T
+    u = 1e-3 * np.stack([np.cos(x) * np.sin(y), -np.sin(x) * np.cos(y)], axis=1) @ turn.T
+    found.move(np.zeros(3), np.pad(u, ((0, 0), (0, 1))))
+    rate, sizes = 2 * viscosity * k**2, []
+    for _ in range(15):
+        found.advance(step / rate, Feed(0.0))
+        sizes.append(np.linalg.norm(owned(found, found.now.u_g)))
+    # Euler's step divides by 1 + rate dt
+    wanted = 10 * (step if order else math.log1p(step))
+    assert math.log(sizes[4] / sizes[14]) == pytest.approx(wanted, rel=0.02)
+
+
+def test_grains_that_spread_along_a_side_are_not_drawn_to_it() -> None:
+    """u_z = s z has the same normal stress (bulk - 2/3 mu) s everywhere across."""
+    rate, dt, alpha = 10.0, 1e-5, 0.3
+    found = flow(box((0.01, 0.01, 0.05), (4, 4, 10), "swswio"), VACUUM)
+    found.start(alpha, theta=1.0)
+    u_s, u_g = np.zeros((2, found.cells.count, 3))
+    u_s[:, 2] = rate * found.cells.centre[:, 2]
+    u_g[:, 2] = 1.0 - alpha / (1 - alpha) * u_s[:, 2]
+    found.move(u_s, u_g)
+    kinetic = found.laws.kinetic(found.now.alpha, found.now.theta)[1]
+    stress = rate * (kinetic.bulk_viscosity - 2 / 3 * kinetic.shear_viscosity)
+    found.advance(dt, Feed(1.0, alpha, 1e-6))
+    pulled = np.abs(stress).max() * dt / (alpha * GRAINS["density"] * 0.01 / 4)
+    middle = np.abs(found.cells.centre[:, 2] - 0.025) < 0.01
+    assert np.abs(found.now.u_s[middle, :2]).max() < 0.05 * pulled
+
+
 @pytest.mark.parametrize("speed", [0.1, 1.0])
 def test_gas_through_a_fixed_bed_loses_what_ergun_says(speed: float, order: int) -> None:
     # grains too heavy to be moved within the run
@@ -297,7 +340,7 @@ def test_gas_without_grains_flows_as_gas_alone(order: int) -> None:
 def test_walls_slow_grains_as_their_law_says(law: str) -> None:
     # a slice of grains without gas between four walls: the drop of its momentum is the traction
     size, dt, alpha, speed = 0.01, 1e-5, 0.3, 1.0
-    found = flow(box((size, size, size), (1, 1, 2), "wwwwss"), {**VACUUM, "walls.solids": law})
+    found = flow(box((size, size, size), (1, 1, 2), "wwwwoo"), {**VACUUM, "walls.solids": law})
     found.start(alpha, 0.01)
     u = np.array([0.0, 0.0, speed])
     found.now = replace(found.now, u_s=np.broadcast_to(u, found.now.u_s.shape).copy())

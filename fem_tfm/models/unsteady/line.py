@@ -34,6 +34,7 @@ class Line:
     volume : of the owned cells [m3]
     own, inner : slices of the owned cells and of the inner faces
     inlet, outlet, wall : slices of faces, empty where the mesh has no such part
+    sides : slice of the faces of the wall and then of planes of symmetry
     has_inlet, has_wall : whether the mesh has the part, on any rank
     has_outlet : whether it has a face
     normal (faces, 3), normal_slope (faces) : unit normal; 1/distance along it [1/m]
@@ -56,6 +57,8 @@ class Line:
         self.wall, self.inlet, self.outlet = (
             cells.parts.get(name, slice(0, 0)) for name in ("wall", "inlet", "outlet")
         )
+        ends = (cells.parts.get(name, slice(0, 0)).stop for name in ("inlet", "outlet"))
+        self.sides = slice(max(cells.inner, *ends), cells.faces)
         self.has_inlet, self.has_wall = "inlet" in cells.parts, "wall" in cells.parts
         self.has_outlet = cells.total(self.outlet.stop - self.outlet.start) > 0
         self.normal = cells.area / cells.size[:, None]

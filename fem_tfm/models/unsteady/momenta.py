@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse as sparse
 
 from fem_tfm.models.unsteady.compression import Compressed
 from fem_tfm.models.unsteady.laws import CellLaws
@@ -35,11 +37,13 @@ class _Equation:
     """Momentum of one phase in all owned cells.
 
     diagonal, across : of the matrix, as `CellMatrix.set` takes them
+    held : force over the velocity by which sides hold the cells next to them, (edges, 3, 3) [kg/s]
     side, lagging : right-hand side, and its part that follows the velocity [N]
     """
 
     diagonal: Array
     across: tuple[Array, Array]
+    held: Array
     side: Array
     lagging: Array
 
@@ -64,7 +68,15 @@ class Momenta:
             np.ascontiguousarray(vectors[line.inner].T)
             for vectors in (line.cells.area, line.cells.skew)
         )
-        self._matrix = CellMatrix(line.cells, 1 if laws.solids is None else 2)
+        # cells at sides of the line, the sum over their faces there, and n n of these
+        normal, faces = line.normal[line.sides], np.arange(line.sides.stop - line.sides.start)
+        self._edges, edge = np.unique(line.cells.first[line.sides], return_inverse=True)
+        shape = self._edges.size, faces.size
+        self._gather = sparse.csr_array((np.ones(faces.size), (edge, faces)), shape=shape)
+        self._across = (normal[:, :, None] * normal[:, None, :]).reshape(-1, 9)
+        self._along = np.eye(3).ravel() - self._across
+        width = 1 if laws.solids is None else 2
+        self._matrix = CellMatrix(line.cells, width, 3, self._edges)
         self._krylov = Krylov(self._matrix, "transport", TRANSPORT_TOLERANCE)
 
     # -- the phases ----------------------------------------------------------------------------
@@ -268,7 +280,7 @@ class Momenta:
 
     def _stress(self, phase: Phase, velocity: Array, gradient: Array) -> Array:
         """What the implicit difference leaves of the viscous force on the owned cells [N]."""
-        cells, inner = self.line.cells, self.line.inner
+        cells, inner, sides = self.line.cells, self.line.inner, self.line.sides
         # one array for each component, which is several times as fast as one of tensors
         rate = np.ascontiguousarray(cells.mean(gradient.reshape(-1, 9))[inner].T)
         mu = cells.mean(phase.viscosity)[inner]
@@ -283,7 +295,26 @@ class Momenta:
         if phase.steeper is not None:
             rise = velocity.take(cells.first[inner], axis=0) - velocity.take(cells.second, axis=0)
             force[inner] += phase.steeper[inner, None] * rise
+        # what spreads along a side; the rest of its normal stress is in the matrix
+        edge = cells.first[sides]
+        along = np.einsum("nk,nk->n", self._along, gradient.reshape(-1, 9)[edge])
+        along *= phase.bulk[edge] - 2 / 3 * phase.viscosity[edge]
+        force[sides] = along[:, None] * cells.area[sides]
         return cells.sum(force)
+
+    def _held(self, phase: Phase) -> Array:
+        """Force over the velocity by which sides hold the cells next to them, (edges, 3, 3) [kg/s].
+
+        Nothing passes a side, so that the normal velocity falls to zero within its cells: there the
+        normal stress is (4/3 mu + bulk) du_n/dn beside that of what spreads along the side.
+        """
+        line, cells = self.line, self.line.cells
+        edge = cells.first[line.sides]
+        pull = (phase.bulk[edge] + 4 / 3 * phase.viscosity[edge]) * cells.reach[line.sides]
+        # the law of a wall slows all components
+        pull[: line.wall.stop - line.wall.start] -= phase.traction
+        found = self._gather @ (np.maximum(pull, 0.0)[:, None] * self._across)
+        return found.reshape(-1, 3, 3)
 
     # -- the linear system ---------------------------------------------------------------------
 
@@ -312,34 +343,42 @@ class Momenta:
             self._equation(phase, acceleration, levels, feed)
             for phase, acceleration in zip(phases, accelerated, strict=True)
         ]
-        blocks = [one.diagonal for one in equations]
-        if many == 2:
-            blocks = [blocks[0] + coupling, -coupling, -coupling, blocks[1] + coupling]
-        self._matrix.set(blocks, [one.across for one in equations])
+        self._set(equations, coupling)
         self._krylov.renew()
-        found = np.empty((cells.owned, many, 3))
-        start = np.stack([phase.velocity[own] for phase in phases], axis=1)
-        effort["momentum"] = 0
+        start = np.stack([phase.velocity[own] for phase in phases], axis=2)
         # the components share one measure: what is small across the pipe need not be sharper
-        largest = max(cells.total(start[:, :, i] ** 2) for i in range(3)) ** 0.5
+        largest = max(cells.total(start[:, i] ** 2) for i in range(3)) ** 0.5
         enough = TRANSPORT_TOLERANCE * largest + line.little(SMALL_VELOCITY * line.speed)
-        given, velocities = np.stack([one.side for one in equations], axis=1), []
+        given, velocities = np.stack([one.side for one in equations], axis=2), []
         if dragged is not None:
             force = dragged[own] * line.volume[:, None]
-            given += np.stack([-force, force], axis=1)
+            given += np.stack([-force, force], axis=2)
+        effort["momentum"] = 0
         for _ in range(SLOPES if line.order else 1):
             side = given.copy()
             for k, u in enumerate(velocities):
                 gradient = cells.whole(cells.gradient(u))
                 later = self._lagging(phases[k], u, gradient, levels)
-                side[:, k] += later - equations[k].lagging
-            for i in range(3):
-                x = self._krylov.solve(side[:, :, i].ravel(), start[:, :, i].ravel(), enough)
-                effort["momentum"] += self._krylov.iterations
-                found[:, :, i] = x.reshape(-1, many)
-            start = found
-            velocities = [cells.whole(np.ascontiguousarray(found[:, k])) for k in range(many)]
+                side[:, :, k] += later - equations[k].lagging
+            start = self._krylov.solve(side.ravel(), start.ravel(), enough)
+            effort["momentum"] += self._krylov.iterations
+            found = start.reshape(cells.owned, 3, many)
+            velocities = [cells.whole(found[:, :, k]) for k in range(many)]
         return velocities
+
+    def _set(self, equations: list[_Equation], coupling: Array) -> None:
+        """The matrix, with the drag [kg/s] between the phases."""
+        diagonal = []
+        for i in range(3):
+            blocks = [one.diagonal.copy() for one in equations]
+            for block, one in zip(blocks, equations, strict=True):
+                block[self._edges] += one.held[:, i, i]
+            if len(blocks) == 2:
+                blocks = [blocks[0] + coupling, -coupling, -coupling, blocks[1] + coupling]
+            diagonal += blocks
+        pairs = itertools.permutations(range(3), 2)
+        ties = [one.held[:, i, j] for i, j in pairs for one in equations]
+        self._matrix.set(diagonal, [one.across for one in equations], ties)
 
     def _equation(self, phase: Phase, acceleration: Array, levels: Levels, feed: Feed) -> _Equation:
         """Momentum of one phase without drag."""
@@ -370,9 +409,8 @@ class Momenta:
             missing = entering - back[line.inlet]
             cells.to_boundary("inlet", diagonal, missing)
             cells.to_boundary("inlet", side, entering[:, None] * velocity)
-        return _Equation(
-            diagonal, (-(back + spread)[inner], -(ahead + spread)[inner]), side, lagging
-        )
+        across = -(back + spread)[inner], -(ahead + spread)[inner]
+        return _Equation(diagonal, across, self._held(phase), side, lagging)
 
     def _lagging(self, phase: Phase, velocity: Array, gradient: Array, levels: Levels) -> Array:
         """Force on the owned cells that the matrix does not hold, of a known velocity [N]."""
