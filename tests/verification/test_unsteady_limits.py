@@ -17,7 +17,7 @@ from fem_tfm.closures import make
 from fem_tfm.closures.materials import Gas
 from fem_tfm.models.unsteady import Feed, Flow3D
 from fem_tfm.models.unsteady.levels import euler
-from fem_tfm.models.unsteady.state import SMALLEST_THETA, Moved, Rates
+from fem_tfm.models.unsteady.state import SMALLEST_FRACTION, SMALLEST_THETA, Moved, Rates
 
 G = 9.81
 UPRIGHT = {"geometry.inclination_deg": 90.0, "operation.gravity": G}
@@ -230,7 +230,9 @@ def fastest(found: Flow3D, dt: float, time: float) -> float:
     speed = 0.0
     for _ in range(round(time / dt)):
         found.advance(dt, Feed(0.0))
-        speed = max(speed, *(found.cells.largest(abs(u)) for u in (found.now.u_s, found.now.u_g)))
+        # what a void lacks of the smallest fraction is not there to move
+        solids = found.now.u_s[found.now.alpha > SMALLEST_FRACTION]
+        speed = max(speed, *(found.cells.largest(abs(u)) for u in (solids, found.now.u_g)))
     return speed
 
 
