@@ -211,7 +211,7 @@ class Flow3D:
         if self.ideal:
             compressed = self.ideal.compress(thickness, levels, moved, dt, feed)
         phases = self.momenta.phases(at, levels, start, moved, rates, stirred, compressed)
-        gaps, accelerated = self.momenta.forces(at, phases, feed)
+        gaps, accelerated = self.momenta.forces(at, phases, beta, levels, feed)
         guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort, dragged)
         at = replace(at, u_s=start.u_s)
         found = self.projection.project(

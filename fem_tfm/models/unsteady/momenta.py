@@ -236,11 +236,14 @@ class Momenta:
         return np.clip(weight, np.minimum(rise, 0.0), np.maximum(rise, 0.0))
 
     def forces(
-        self, at: Moment, phases: list[Phase], feed: Feed
+        self, at: Moment, phases: list[Phase], beta: Array, levels: Levels, feed: Feed
     ) -> tuple[list[Array], list[Array]]:
         """Accelerations by pressures and weight: vectors in cells, and what faces have beyond them.
 
         The second is the force [N/m3] along the normals of the faces that interpolated cells lack.
+        Cells of the gas take the mean of what the forces of their faces make of its velocity
+        against inertia and drag, as the projection does: beside a bed, where hardly any drag holds
+        it, gas would else take off with half of the pressure that drives it through the bed.
         """
         line, cells, inner = self.line, self.line.cells, self.line.inner
         slope = np.zeros(cells.faces)
@@ -262,8 +265,11 @@ class Momenta:
                 force[line.outlet] = 0.0
             mass = phase.density.faces * np.maximum(phase.share, SMALLEST_FRACTION)
             if phase.bearing is None:
-                vector = cells.whole(line.reconstruct(force / mass))
-                average = mass * (cells.flux(vector) / cells.size)
+                hold = mass / levels.span_faces + cells.mean(beta)
+                vector = cells.whole(line.reconstruct(force / hold))
+                average = hold * (cells.flux(vector) / cells.size)
+                held = phase.density.cells * np.maximum(phase.fraction[line.own], SMALLEST_FRACTION)
+                vector = vector[line.own] * (1 / levels.span + beta[line.own] / held)[:, None]
             else:
                 vector = cells.whole(line.reconstruct(force / mass, phase.bearing.counts))
                 held = np.maximum(phase.fraction, SMALLEST_FRACTION)
