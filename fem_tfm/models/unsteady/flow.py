@@ -253,7 +253,7 @@ class Flow3D:
         shear = levels.grown(found.shear, self.rates(levels.past).shear)
         return replace(found, shear=shear)
 
-    def _drag(self, at: Moment, thickness: Thickness | None) -> tuple[Array, Array]:
+    def _drag(self, at: Moment, thickness: Thickness | None = None) -> tuple[Array, Array]:
         """beta and its growth with the slip, |u| d(beta)/d|u|, in all cells [kg/m3/s]."""
         laws = self.laws.of(thickness.later) if thickness else self.laws
         return laws.steep_drag(at.alpha, at.u_g - at.u_s, self.line.gas_profile[0])
