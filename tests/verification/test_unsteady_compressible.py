@@ -181,7 +181,7 @@ def test_thick_gas_moves_as_one_of_constant_density(order: int) -> None:
 
     coarse, fine = away(1e7), away(3e7)
     assert coarse < 6e-4 * constant.cells.largest(np.abs(constant.now.p))
-    assert coarse / fine == pytest.approx(3, rel=0.03)
+    assert coarse / fine == pytest.approx(3, rel=0.05)
 
 
 def thick(pressure: float) -> dict[str, Any]:
@@ -220,7 +220,7 @@ def test_turbulence_of_a_gas_that_follows_the_pressure(order: int) -> None:
 
     coarse, fine = away(1e7), away(3e7)
     assert coarse < 6e-4 * constant.cells.largest(constant.now.scales["k"][own])
-    assert coarse / fine == pytest.approx(3, rel=0.03)
+    assert coarse / fine == pytest.approx(3, rel=0.05)
 
 
 def test_thick_gas_has_the_drop_of_constant_density_in_a_bed(order: int) -> None:
