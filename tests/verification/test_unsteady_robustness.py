@@ -84,6 +84,34 @@ def test_a_plug_is_hit_by_gas(order: int) -> None:
     run(found, 2e-4, 40, Feed(6.0))
 
 
+@pytest.mark.parametrize("gas", ["constant", "ideal"])
+@pytest.mark.parametrize(("diameter", "dt"), [(1e-3, 1e-3), (1.6e-4, 4e-3)])
+def test_gas_sweeps_a_bed_without_driving_either_phase_out(
+    order: int, gas: str, diameter: float, dt: float
+) -> None:
+    # gas above a bed has little drag to hold it, and grains there little inertia
+    speed = 3.0
+    air = {"density": 1.2, "viscosity": 1.8e-5}
+    if gas == "ideal":
+        air = {"gas_constant": 287.0, "pressure": 1e5, "temperature": 293.0, "viscosity": 1.8e-5}
+        air["compressible"] = True
+    changes = {
+        **CONVEYING,
+        "solution": "unsteady",
+        "numerics.end_time": 1.0,
+        "gas": air,
+        "solids.diameter": diameter,
+        "solids.density": 2500.0,
+        "operation.gas_superficial_velocity": speed,
+        "operation.solids_velocity": speed,
+    }
+    found = flow(box((0.02, 0.02, 1.0), (2, 2, 40), "wwwwio"), changes, order=order)
+    found.start(np.where(found.cells.centre[:, 1] < 0, 0.4, 0.0))
+    for _ in range(round(0.3 / dt)):
+        run(found, dt, 1, Feed(speed))
+        assert max(np.abs(found.now.u_s).max(), np.abs(found.now.u_g).max()) < 5 * speed
+
+
 @pytest.mark.parametrize("dt", [2e-4, 1e-3])
 def test_a_blocked_outlet_packs_the_duct(order: int, dt: float) -> None:
     found = conveying(order)

@@ -187,7 +187,7 @@ class Flow3D:
                 density = self.gas.density
                 if thickness:
                     density = density * cells.mean(thickness.now)
-                drag = self._drag(old, thickness)
+                drag = sum(self._drag(old, thickness))
                 response = self.projection.response(old.alpha, drag, dt, density)[0]
                 # the pressure of the solids acts from the first step on: what it bears must too
                 p_s = self.laws.solids_pressure(old.alpha, old.theta, rates)
@@ -199,18 +199,19 @@ class Flow3D:
                 before = moved.alpha[: cells.owned] + levels.span * lost
                 start = replace(start, alpha=cells.whole(np.clip(before, 0.0, 1.0)))
             at = replace(old, alpha=moved.alpha)
-            beta = self._drag(at, thickness)
+            beta, steep = self._drag(at, thickness)
             theta = self.agitation.warm(at, beta, levels, start, moved, rates, feed, effort)
             at = replace(at, theta=theta)
-            if thickness:
-                beta, dragged = self._steep_drag(at, beta, thickness)
+            # a gas that gives way follows its drag at once: with that of the slip foreseen alone,
+            # flow and drag would take turns
+            beta, dragged = beta + steep, steep[:, None] * (at.u_g - at.u_s)
         if self.turbulence:
             scales = self.turbulence.carry(levels.now, stirred, moved, dt, feed, effort)
             at = replace(at, scales=scales)
         if self.ideal:
             compressed = self.ideal.compress(thickness, levels, moved, dt, feed)
         phases = self.momenta.phases(at, levels, start, moved, rates, stirred, compressed)
-        gaps, accelerated = self.momenta.forces(at, phases, feed)
+        gaps, accelerated = self.momenta.forces(at, phases, beta, levels, feed)
         guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort, dragged)
         at = replace(at, u_s=start.u_s)
         found = self.projection.project(
@@ -252,19 +253,10 @@ class Flow3D:
         shear = levels.grown(found.shear, self.rates(levels.past).shear)
         return replace(found, shear=shear)
 
-    def _drag(self, at: Moment, thickness: Thickness | None = None) -> Array:
+    def _drag(self, at: Moment, thickness: Thickness | None = None) -> tuple[Array, Array]:
+        """beta and its growth with the slip, |u| d(beta)/d|u|, in all cells [kg/m3/s]."""
         laws = self.laws.of(thickness.later) if thickness else self.laws
-        return laws.drag(at.alpha, at.u_g - at.u_s, self.line.gas_profile[0])
-
-    def _steep_drag(self, at: Moment, beta: Array, thickness: Thickness) -> tuple[Array, Array]:
-        """Slope of the drag with the slip, and what that has beyond the drag [N/m3].
-
-        A gas that gives way follows its drag at once: with a foreseen beta alone, flow and drag
-        would take turns.
-        """
-        slip, laws = at.u_g - at.u_s, self.laws.of(thickness.later)
-        steep = laws.steepness(at.alpha, slip, self.line.gas_profile[0], beta)
-        return beta + steep, steep[:, None] * slip
+        return laws.steep_drag(at.alpha, at.u_g - at.u_s, self.line.gas_profile[0])
 
     # -- what others read ----------------------------------------------------------------------
 

@@ -156,20 +156,22 @@ class CellLaws:
         floor = SLIP_FLOOR * self.speed
         return np.sqrt(np.einsum("ni,ni->n", slip, slip) + floor**2)
 
-    def drag(self, alpha: Array, slip: Array, distance: Array) -> Array:
-        """beta [kg/m3/s] at u_g - u_s (cells, 3) [m/s] and a distance to the wall [m].
+    def drag(self, alpha: Array, speed: Array, distance: Array) -> Array:
+        """beta [kg/m3/s] at a slip speed [m/s] and a distance to the wall [m].
 
         It fades as y^2/(y^2 + gap^2) next to the wall, which the grains' centres cannot reach.
         """
-        found = self.laws.drag.beta(
-            np.maximum(alpha, SMALLEST_FRACTION), self.slip_speed(slip), self.gas, self.solids
-        )
+        alpha = np.maximum(alpha, SMALLEST_FRACTION)
+        found = self.laws.drag.beta(alpha, speed, self.gas, self.solids)
         return found * distance**2 / (distance**2 + self.gap**2) if self.gap else found
 
-    def steepness(self, alpha: Array, slip: Array, distance: Array, beta: Array) -> Array:
-        """|u| d(beta)/d|u| [kg/m3/s] at u = u_g - u_s (cells, 3) [m/s], of which beta is known."""
-        rise = (self.drag(alpha, (1 + SLIP_STEP) * slip, distance) - beta) / SLIP_STEP
-        return np.maximum(rise, 0.0)
+    def steep_drag(self, alpha: Array, slip: Array, distance: Array) -> tuple[Array, Array]:
+        """beta and its growth |u| d(beta)/d|u| >= 0 at u = u_g - u_s (cells, 3) [kg/m3/s]."""
+        speed = self.slip_speed(slip)
+        # at both speeds at once, which share what the fraction makes
+        both = self.drag(alpha, np.stack([speed, (1 + SLIP_STEP) * speed]), distance)
+        beta, beyond = np.broadcast_to(both, (2, alpha.size))
+        return beta, np.maximum((beyond - beta) / SLIP_STEP, 0.0)
 
     def gas_viscosity(self, gradient: Array, height: Array, slope: Array) -> Array:
         """Viscosity [Pa s] that the profile at height y' [m] shows at grad u_g [1/s].

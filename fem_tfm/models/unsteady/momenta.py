@@ -138,6 +138,7 @@ class Momenta:
         bearing = self._solids_weight.bear(at.alpha, moved.pressure)
         # what a void lacks of the smallest fraction moves with the gas
         absent = np.clip(1 - start.alpha / SMALLEST_FRACTION, 0.0, 1.0)[:, None]
+        mass = laws.solids.density * np.maximum(start.alpha, SMALLEST_FRACTION)
         return Phase(
             name="solids",
             density=Density.constant(laws.solids.density),
@@ -153,6 +154,7 @@ class Momenta:
             pressure=moved.pressure,
             share=bearing.share,
             bearing=bearing,
+            steeper=self._steeper(grains.kinetic.bulk_viscosity, mass, levels),
         )
 
     def _gas(
@@ -193,7 +195,8 @@ class Momenta:
             traction = friction * cells.size[wall]
         steeper = None
         if not laws.laws.turbulence.transported and (mu > laws.gas.viscosity).any():
-            steeper = self._steeper(mu, void, levels, laws)
+            eddy = np.maximum(mu - void * laws.gas.viscosity, 0.0)
+            steeper = self._steeper(eddy, void * laws.gas.density, levels)
         eddies = None
         if stirred is not None and stirred.normal is not None:
             eddies = void * laws.gas.density * stirred.normal["k"]
@@ -215,19 +218,23 @@ class Momenta:
             steeper=steeper,
         )
 
-    def _steeper(self, viscosity: Array, void: Array, levels: Levels, laws: CellLaws) -> Array:
-        """Growth of the stress with the shear beyond mu S, of faces [kg/s].
+    def _steeper(self, viscosity: Array, mass: Array, levels: Levels) -> Array:
+        """What the matrix holds of a stress beyond mu S that lags a step behind, of faces [kg/s].
 
-        mu_t of a mixing length grows with S. With that of the state before the step S_new S_old is
-        what the stress makes it, and where inertia does not hold S it swings for ever. As much
-        again in the matrix, less what that adds at the velocities before, is Newton's step.
+        mu_t of a mixing length grows with the shear S: with that of the state before the step
+        S_new S_old stays what the stress makes it. A bulk viscosity above mu throws the few grains
+        beside a bed from side to side. Where inertia does not hold S both swing for ever. As much
+        in the matrix, less what that adds at the velocities before, ends it.
+
+        viscosity, mass : of the lagging stress [Pa s], of the phase [kg/m3]
         """
-        cells, gas = self.line.cells, laws.gas
-        eddy = np.maximum(viscosity - void * gas.viscosity, 0.0)
-        eddy = cells.mean(eddy) * cells.reach
-        eddy[cells.inner :] = 0.0
-        inertia = cells.mean(void * gas.density * cells.volume) / levels.span_faces
-        return eddy**2 / (eddy + inertia)
+        cells, inner = self.line.cells, self.line.inner
+        lagging = cells.mean(viscosity) * cells.reach
+        lagging[cells.inner :] = 0.0
+        held = mass * cells.volume
+        inertia = np.zeros(cells.faces)
+        inertia[inner] = np.minimum(held[cells.first[inner]], held[cells.second])
+        return lagging**2 / np.maximum(lagging + inertia / levels.span_faces, 1e-300)
 
     # -- forces --------------------------------------------------------------------------------
 
@@ -241,11 +248,14 @@ class Momenta:
         return np.clip(weight, np.minimum(rise, 0.0), np.maximum(rise, 0.0))
 
     def forces(
-        self, at: Moment, phases: list[Phase], feed: Feed
+        self, at: Moment, phases: list[Phase], beta: Array, levels: Levels, feed: Feed
     ) -> tuple[list[Array], list[Array]]:
         """Accelerations by pressures and weight: vectors in cells, and what faces have beyond them.
 
         The second is the force [N/m3] along the normals of the faces that interpolated cells lack.
+        Cells of the gas take the mean of what the forces of their faces make of its velocity
+        against inertia and drag, as the projection does: beside a bed, where hardly any drag holds
+        it, gas would else take off with half of the pressure that drives it through the bed.
         """
         line, cells, inner = self.line, self.line.cells, self.line.inner
         slope = np.zeros(cells.faces)
@@ -267,8 +277,11 @@ class Momenta:
                 force[line.outlet] = 0.0
             mass = phase.density.faces * np.maximum(phase.share, SMALLEST_FRACTION)
             if phase.bearing is None:
-                vector = cells.whole(line.reconstruct(force / mass))
-                average = mass * (cells.flux(vector) / cells.size)
+                hold = mass / levels.span_faces + cells.mean(beta)
+                vector = cells.whole(line.reconstruct(force / hold))
+                average = hold * (cells.flux(vector) / cells.size)
+                held = phase.density.cells * np.maximum(phase.fraction[line.own], SMALLEST_FRACTION)
+                vector = vector[line.own] * (1 / levels.span + beta[line.own] / held)[:, None]
             else:
                 vector = cells.whole(line.reconstruct(force / mass, phase.bearing.counts))
                 held = np.maximum(phase.fraction, SMALLEST_FRACTION)

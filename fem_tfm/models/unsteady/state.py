@@ -248,7 +248,7 @@ class Phase:
     share (faces) : fraction that faces bear
     bearing : how faces bear the solids, None for the gas
     dispersed : force by which eddies spread the solids, along normals of faces [N/m3], or None
-    steeper (faces) : how much more than viscosity the stress grows with the shear [kg/s], or None
+    steeper (faces) : of the stress beyond viscosity, what the matrix must hold [kg/s], or None
     """
 
     name: str

@@ -174,6 +174,7 @@ class Turbulence:
         """What the laws of dispersed turbulence see of the solids."""
         line, cells = self.line, self.line.cells
         slip, alpha = now.u_g - now.u_s, np.maximum(now.alpha, SMALLEST_FRACTION)
+        speed = laws.slip_speed(slip)
         g0, kinetic = laws.kinetic(alpha, now.theta)
         crowding = cells.whole(cells.gradient(now.alpha))
         # no mesh knows how steep a front is that is thinner than its cells
@@ -188,8 +189,8 @@ class Turbulence:
             alpha=alpha,
             theta=now.theta,
             g0=g0,
-            specific=laws.drag(alpha, slip, line.gas_profile[0]) / alpha,
-            slip=laws.slip_speed(slip),
+            specific=laws.drag(alpha, speed, line.gas_profile[0]) / alpha,
+            slip=speed,
             drift=-crowding,
             solids=laws.solids,
             viscosity=kinetic.shear_viscosity / (alpha * laws.solids.density),
