@@ -41,7 +41,7 @@ OUTPUTS, FIRST_SHARE = 20, 0.01
 SAME_TIME = 1e-9
 # iterations of each equation that count as all the effort a step may take
 MOST_ITERATIONS = {
-    "solids fraction": 25, "theta": 60, "turbulence": 150, "momentum": 60, "pressure": 60,
+    "solids fraction": 25, "theta": 60, "turbulence": 150, "momentum": 100, "pressure": 60,
 }  # fmt: skip
 # unknowns of a cell besides turbulence: velocities, solids fraction, granular temperature, pressure
 UNKNOWNS, GAS_UNKNOWNS = 9, 4

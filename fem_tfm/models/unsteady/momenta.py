@@ -26,10 +26,12 @@ from fem_tfm.models.unsteady.state import (
     Stirred,
 )
 from fem_tfm.models.unsteady.weight import Weight
-from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
+from fem_tfm.solvers.cells import Array, CellMatrix, Cells, Krylov
 
 # residual that ends the solver, over U in every cell
 SMALL_VELOCITY = 1e-9
+# product of two components of a side's normal that ties them
+SMALLEST_TIE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,40 @@ class _Equation:
     held: Array
     side: Array
     lagging: Array
+
+
+class _System:
+    """Equations of components that sides tie to each other.
+
+    components : of the velocities, which this matrix holds
+    edges : cells at sides
+    width : number of phases
+    """
+
+    def __init__(self, cells: Cells, edges: Array, components: list[int], width: int) -> None:
+        self.components, self._edges = components, edges
+        self._matrix = CellMatrix(cells, width, len(components), edges)
+        self.krylov = Krylov(self._matrix, "transport", TRANSPORT_TOLERANCE)
+
+    def set(self, equations: list[_Equation], coupling: Array) -> None:
+        """The matrix, with the drag [kg/s] between the phases."""
+        diagonal = []
+        for i in self.components:
+            blocks = [one.diagonal.copy() for one in equations]
+            for block, one in zip(blocks, equations, strict=True):
+                block[self._edges] += one.held[:, i, i]
+            if len(blocks) == 2:
+                blocks = [blocks[0] + coupling, -coupling, -coupling, blocks[1] + coupling]
+            diagonal += blocks
+        pairs = itertools.permutations(self.components, 2)
+        ties = [one.held[:, i, j] for i, j in pairs for one in equations]
+        self._matrix.set(diagonal, [one.across for one in equations], ties)
+        self.krylov.renew()
+
+    def solve(self, side: Array, start: Array, enough: float) -> Array:
+        """Its components (cells, components, phases) of those of `side` and `start`."""
+        given, guess = (values[:, self.components] for values in (side, start))
+        return self.krylov.solve(given.ravel(), guess.ravel(), enough).reshape(given.shape)
 
 
 class Momenta:
@@ -76,8 +112,17 @@ class Momenta:
         self._across = (normal[:, :, None] * normal[:, None, :]).reshape(-1, 9)
         self._along = np.eye(3).ravel() - self._across
         width = 1 if laws.solids is None else 2
-        self._matrix = CellMatrix(line.cells, width, 3, self._edges)
-        self._krylov = Krylov(self._matrix, "transport", TRANSPORT_TOLERANCE)
+        self._systems = [_System(line.cells, self._edges, tied, width) for tied in self._tied()]
+
+    def _tied(self) -> list[list[int]]:
+        """Components that sides tie to each other: none where all sides lie along the axes."""
+        groups = [[0], [1], [2]]
+        for i, j in itertools.combinations(range(3), 2):
+            if self.line.cells.largest(np.abs(self._across[:, 3 * i + j])) > SMALLEST_TIE:
+                both = [group for group in groups if i in group or j in group]
+                groups = [group for group in groups if group not in both]
+                groups.append(sorted({k for group in both for k in group}))
+        return groups
 
     # -- the phases ----------------------------------------------------------------------------
 
@@ -356,8 +401,8 @@ class Momenta:
             self._equation(phase, acceleration, levels, feed)
             for phase, acceleration in zip(phases, accelerated, strict=True)
         ]
-        self._set(equations, coupling)
-        self._krylov.renew()
+        for system in self._systems:
+            system.set(equations, coupling)
         start = np.stack([phase.velocity[own] for phase in phases], axis=2)
         # the components share one measure: what is small across the pipe need not be sharper
         largest = max(cells.total(start[:, i] ** 2) for i in range(3)) ** 0.5
@@ -373,25 +418,13 @@ class Momenta:
                 gradient = cells.whole(cells.gradient(u))
                 later = self._lagging(phases[k], u, gradient, levels)
                 side[:, :, k] += later - equations[k].lagging
-            start = self._krylov.solve(side.ravel(), start.ravel(), enough)
-            effort["momentum"] += self._krylov.iterations
-            found = start.reshape(cells.owned, 3, many)
+            found = np.empty_like(start)
+            for system in self._systems:
+                found[:, system.components] = system.solve(side, start, enough)
+                effort["momentum"] += system.krylov.iterations
+            start = found
             velocities = [cells.whole(found[:, :, k]) for k in range(many)]
         return velocities
-
-    def _set(self, equations: list[_Equation], coupling: Array) -> None:
-        """The matrix, with the drag [kg/s] between the phases."""
-        diagonal = []
-        for i in range(3):
-            blocks = [one.diagonal.copy() for one in equations]
-            for block, one in zip(blocks, equations, strict=True):
-                block[self._edges] += one.held[:, i, i]
-            if len(blocks) == 2:
-                blocks = [blocks[0] + coupling, -coupling, -coupling, blocks[1] + coupling]
-            diagonal += blocks
-        pairs = itertools.permutations(range(3), 2)
-        ties = [one.held[:, i, j] for i, j in pairs for one in equations]
-        self._matrix.set(diagonal, [one.across for one in equations], ties)
 
     def _equation(self, phase: Phase, acceleration: Array, levels: Levels, feed: Feed) -> _Equation:
         """Momentum of one phase without drag."""
