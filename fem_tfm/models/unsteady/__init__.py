@@ -9,7 +9,8 @@ One step, without outer iterations:
 2. granular temperature (`agitation`): implicit, its sinks in the diagonal, so Theta > 0;
 3. turbulence (`turbulence`), where laws transport it: implicit in ln X, so that X > 0; it also
    gives the eddy viscosities and the dispersion, of the state before the step;
-4. momenta (`momenta`) of both phases with their drag in one matrix for all three components;
+4. momenta (`momenta`) of both phases with their drag in one matrix for each set of components
+   that walls and planes of symmetry tie;
 5. pressure (`projection`): what the momenta leave of div(alpha_s u_s + alpha_g u_g) = 0, with the
    response of mass and drag alone, R = [[m_s/dt + beta, -beta], [-beta, m_g/dt + beta]]^-1;
    for a gas whose density follows the pressure (`compression`) that of the balance of its mass.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Momenta of a step: both phases with their drag in one matrix for all three components."""
+"""Momenta of a step: both phases with their drag, and the components that sides tie."""
 
 from __future__ import annotations
 
