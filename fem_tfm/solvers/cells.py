@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from functools import cached_property
 
 import dolfinx.la
 import numpy as np
@@ -47,7 +48,9 @@ class Cells:
     area (faces, 3) : vector from the first cell to the second, or outwards
     size (faces) : its length
     middle (faces, 3) : centre of the face
+    apart (faces, 3) : d, from the centre of the first cell to that of the second or to the face
     reach (faces) : |S|^2/(S.d), the weight of a difference in a diffusive flux [m]
+    skew (faces, 3) : S - d |S|^2/(S.d), what that difference misses
     share (inner) : weight of the first cell in a value interpolated to the face
     parts : slice of each part of the boundary in an array over faces
     """
@@ -104,7 +107,7 @@ class Cells:
             facets.append(found)
             cells.append(cell)
         self.inner = inner.size
-        self.facets = np.concatenate(facets)
+        self.facets = np.concatenate(facets).astype(np.int32)
         # numpy takes values by its own kind of integers twice as fast
         self.first = np.concatenate(cells).astype(np.intp)
         self.second = pair[:, 1].astype(np.intp)
@@ -116,9 +119,8 @@ class Cells:
         domain.topology.create_connectivity(2, 0)
         corners = domain.topology.connectivity(2, 0)
         many = int(np.diff(corners.offsets).max(initial=3))
-        nodes = np.stack([corners.links(f) for f in self.facets]) if self.faces else None
-        nodes = np.zeros((0, many), dtype=np.int32) if nodes is None else nodes
-        points = self._points(nodes)
+        begins = corners.offsets[self.facets]
+        points = self._points(corners.array[begins[:, None] + np.arange(many)])
         if many == 4:
             # corners of a tensor-product face: 0-1-3-2 runs around it
             a, b = points[:, 3] - points[:, 0], points[:, 2] - points[:, 1]
@@ -128,22 +130,24 @@ class Cells:
         self.middle = points.mean(axis=1)
         outward = self.middle - self.centre[self.first]
         area[np.einsum("ij,ij->i", area, outward) < 0] *= -1
-        self.area, self.size = area, np.linalg.norm(area, axis=1)
+        # by component: so a part of one lies in one piece
+        self.area, self.size = np.asfortranarray(area), np.linalg.norm(area, axis=1)
         there = np.concatenate([self.centre[self.second], self.middle[self.inner :]])
         self.apart = there - self.centre[self.first]
         along = np.einsum("ij,ij->i", area, self.apart)
         self.reach = self.size**2 / along
         away = np.einsum("ij,ij->i", area[: self.inner], (there - self.middle)[: self.inner])
         self.share = np.clip(away / along[: self.inner], 0.05, 0.95)
-        # what a difference along the line of centres misses of the normal derivative
-        self.skew = area - self.reach[:, None] * self.apart
-        # from cell to cell, and from either to the middle of the face; by component
-        inner = slice(0, self.inner)
-        self._along = np.ascontiguousarray(self.apart[inner].T)
-        self._ways = [
-            np.ascontiguousarray((self.middle[inner] - self.centre[cell]).T)
-            for cell in (self.first[inner], self.second)
-        ]
+        self.skew = np.asfortranarray(area - self.reach[:, None] * self.apart)
+
+    @cached_property
+    def _ways(self) -> tuple[Array, Array, Array]:
+        """From cell to cell, and from either to the middle of the inner faces; by component."""
+        middle = self.middle[: self.inner]
+        first, second = self.centre[self.first[: self.inner]], self.centre[self.second]
+        ways = second - first, middle - first, middle - second
+        along, ahead, back = (np.ascontiguousarray(way.T) for way in ways)
+        return along, ahead, back
 
     def _points(self, vertices: npt.NDArray[np.int32]) -> Array:
         """Coordinates of vertices."""
@@ -168,8 +172,6 @@ class Cells:
         shape = (self.owned, self.faces)
         place = np.concatenate(rows), np.concatenate(columns)
         sign = np.concatenate(signs)
-        self._sum = sparse.csr_array((sign, place), shape=shape)
-        self._add = sparse.csr_array((np.abs(sign), place), shape=shape)
         ones = sign > 0
         self._from_first = sparse.csr_array(
             (sign[ones], (place[0][ones], place[1][ones])), shape=shape
@@ -194,7 +196,7 @@ class Cells:
         parts = (sparse.kron(part, one) for part, one in zip(along, corner, strict=True))
         self._flux = sparse.csr_array(sum(parts))
         self._gradient = self._least_squares(mine, yours)
-        for name in ("_sum", "_add", "_from_first", "_from_second", "_mean", "_flux", "_gradient"):
+        for name in ("_from_first", "_from_second", "_mean", "_flux", "_gradient"):
             setattr(self, name, _narrow(getattr(self, name)))
 
     def _least_squares(self, mine: Array, yours: Array) -> sparse.csr_array:
@@ -221,7 +223,7 @@ class Cells:
 
     def sum(self, flux: Array) -> Array:
         """What leaves each owned cell through its faces."""
-        return self._sum @ flux
+        return self._from_first @ flux - self._from_second @ flux
 
     def sum_out(self, ahead: Array, back: Array) -> Array:
         """What leaves each owned cell: `ahead` from first cells, `back` from second ones."""
@@ -229,7 +231,7 @@ class Cells:
 
     def add(self, values: Array) -> Array:
         """Sum of the values of each owned cell's faces, without their direction."""
-        return self._add @ values
+        return self.sum_out(values, values)
 
     def mean(self, values: Array) -> Array:
         """Values on the faces, interpolated; those of the cell itself on the boundary."""
@@ -266,8 +268,8 @@ class Cells:
         slopes = np.ascontiguousarray(gradient.reshape(self.count, -1, 3).transpose(1, 2, 0))
         across = [part[second] - part[first] for part in parts]
         size = sum(b * b for b in across) + 2 * np.square(small)
-        apart, found = self._along, []
-        for cell, way in zip((first, second), self._ways, strict=True):
+        (apart, *ways), found = self._ways, []
+        for cell, way in zip((first, second), ways, strict=True):
             slope = [[g[cell] for g in part] for part in slopes]
             behind = [
                 2 * sum(g * d for g, d in zip(part, apart, strict=True)) - b
@@ -394,7 +396,7 @@ class Reconstruction:
         self._matrix, inverse = matrix, np.linalg.inv(matrix)
         # the same vector for both cells of a face: |S| n n.u summed without direction
         self._operator = []
-        faces = abs(cells._sum)
+        faces = cells._from_first + cells._from_second
         for i in range(3):
             part = 0
             for j in range(3):
@@ -462,8 +464,7 @@ class CellMatrix:
     def __init__(
         self, cells: Cells, width: int = 1, components: int = 1, tied: Array | None = None
     ) -> None:
-        self.cells, self.width, self.components = cells, width, components
-        ours = cells.map.local_to_global(np.arange(cells.count, dtype=np.int32))
+        self.cells, self.components = cells, components
         first, second = cells.first[: cells.inner], cells.second
         self._mine, self._yours = (
             # a slice costs nothing where there are no ghosts
@@ -471,7 +472,7 @@ class CellMatrix:
             for cell in (first, second)
         )
         rows, columns = [], []
-        own, many = ours[: cells.owned], width * components
+        own, many = np.arange(cells.owned), width * components
         for start in range(0, many, width):
             for i in range(start, start + width):
                 for j in range(start, start + width):
@@ -479,18 +480,35 @@ class CellMatrix:
                     columns.append(own * many + j)
         for i in range(many):
             for a, b, mask in ((first, second, self._mine), (second, first, self._yours)):
-                rows.append(ours[a[mask]] * many + i)
-                columns.append(ours[b[mask]] * many + i)
+                rows.append(a[mask] * many + i)
+                columns.append(b[mask] * many + i)
         for i, j in itertools.permutations(range(components), 2):
             for k in range(width):
-                rows.append(ours[tied] * many + i * width + k)
-                columns.append(ours[tied] * many + j * width + k)
-        size = (cells.owned * many, cells.map.size_global * many)
-        self.matrix = PETSc.Mat().createAIJ((size, size), comm=cells.comm)
-        index = PETSc.IntType
-        self.matrix.setPreallocationCOO(
-            np.concatenate(rows).astype(index), np.concatenate(columns).astype(index)
-        )
+                rows.append(tied * many + i * width + k)
+                columns.append(tied * many + j * width + k)
+        self._assign(np.concatenate(rows), np.concatenate(columns), many)
+
+    def _assign(self, rows: Array, columns: Array, many: int) -> None:
+        """Give every entry its place in the arrays of the matrix, which PETSc shares."""
+        cells = self.cells
+        local = cells.owned * many
+        self._blocks: list[tuple[Array, npt.NDArray[np.intp]]] = []
+        parts = []
+        for far in (False, True):
+            # of each row from left to right, as an incomplete factorisation wants them
+            order = np.flatnonzero((columns >= local) == far)
+            order = order[np.lexsort((columns[order], rows[order]))]
+            begins = np.searchsorted(rows[order], np.arange(local + 1))
+            place = columns[order]
+            if far:
+                cell = cells.map.local_to_global((place // many).astype(np.int32))
+                place = cell * many + place % many
+            values = np.zeros(order.size)
+            self._blocks.append((values, order))
+            parts.append((begins.astype(PETSc.IntType), place.astype(PETSc.IntType), values))
+        size = (local, cells.map.size_global * many)
+        csr = parts[0] if cells.comm.size == 1 else tuple(parts)
+        self.matrix = PETSc.Mat().createAIJWithArrays((size, size), csr, comm=cells.comm)
 
     def set(
         self,
@@ -498,7 +516,7 @@ class CellMatrix:
         across: Sequence[tuple[Array, Array]],
         ties: Sequence[Array] = (),
     ) -> None:
-        """New values.
+        """New values (collective).
 
         diagonal : for each component width^2 arrays over owned cells, row by row
         across : for each unknown, entries of the first cell's row and of the second's over inner
@@ -508,8 +526,10 @@ class CellMatrix:
         values = list(diagonal)
         for ahead, back in [*across] * self.components:
             values += [ahead[self._mine], back[self._yours]]
-        values += ties
-        self.matrix.setValuesCOO(np.concatenate(values), PETSc.InsertMode.INSERT_VALUES)
+        entries = np.concatenate([*values, *ties])
+        for block, order in self._blocks:
+            np.take(entries, order, out=block, mode="clip")
+        self.matrix.assemble()
 
     def destroy(self) -> None:
         """Free the matrix."""

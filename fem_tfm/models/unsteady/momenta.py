@@ -100,10 +100,7 @@ class Momenta:
         self._weight = line.normal @ gravity
         if laws.solids is not None:
             self._solids_weight = Weight(line, gravity, laws.solids.density - lifted)
-        self._area, self._skew = (
-            np.ascontiguousarray(vectors[line.inner].T)
-            for vectors in (line.cells.area, line.cells.skew)
-        )
+        self._area, self._skew = (part[line.inner].T for part in (line.cells.area, line.cells.skew))
         # cells at sides of the line, the sum over their faces there, and n n of these
         normal, faces = line.normal[line.sides], np.arange(line.sides.stop - line.sides.start)
         self._edges, edge = np.unique(line.cells.first[line.sides], return_inverse=True)
@@ -340,7 +337,7 @@ class Momenta:
         """What the implicit difference leaves of the viscous force on the owned cells [N]."""
         cells, inner, sides = self.line.cells, self.line.inner, self.line.sides
         # one array for each component, which is several times as fast as one of tensors
-        rate = np.ascontiguousarray(cells.mean(gradient.reshape(-1, 9))[inner].T)
+        rate = [cells.mean(part)[inner] for part in gradient.reshape(-1, 9).T]
         mu = cells.mean(phase.viscosity)[inner]
         bulk = cells.mean(phase.bulk)[inner] - 2 / 3 * mu
         trace = bulk * (rate[0] + rate[4] + rate[8])
