@@ -13,6 +13,7 @@ from boxes import AIR, GRAINS, box, flow
 from mpi4py import MPI
 
 from fem_tfm.models.unsteady import Feed, Flow3D, StepFailed
+from fem_tfm.models.unsteady.levels import euler
 from fem_tfm.models.unsteady.state import Sources
 
 R, T = 296.8, 293.0
@@ -198,7 +199,8 @@ def test_eddies_carry_the_density_of_their_place() -> None:
     k, eps, many = 1.0, 10.0, found.cells.count
     scales = {"k": np.full(many, k), "eps": np.full(many, eps)}
     relative = 1 + found.cells.centre[:, 2]
-    mu_t = found.turbulence.stir(replace(found.now, scales=scales), relative).mu_t
+    levels = euler(found.line, replace(found.now, scales=scales), 1.0)
+    mu_t = found.turbulence.stir(levels, relative).mu_t
     assert mu_t == pytest.approx(found.gas.density * relative * 0.09 * k**2 / eps, rel=1e-3)
 
 

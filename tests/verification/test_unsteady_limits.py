@@ -306,18 +306,30 @@ def test_a_column_comes_to_rest(dt: float) -> None:
     assert fastest(found, dt, 1.0) < 1e-6
 
 
-@pytest.mark.parametrize(("e", "alpha"), [(0.8, 0.3), (0.9, 0.1)])
-def test_a_granular_gas_cools_as_haff_says(e: float, alpha: float) -> None:
+def cooled(e: float, alpha: float, steps: int, order: int = 0) -> float:
+    """Theta over Haff's law, Theta_0/(1 + t/t_0)^2, after twice the time of cooling t_0."""
     changes = {**VACUUM, "solids.restitution": e, "closures.radial": "carnahan-starling"}
-    found = flow(box((0.01, 0.01, 0.01), (2, 2, 2), "ssssss"), changes)
+    found = flow(box((0.01, 0.01, 0.01), (2, 2, 2), "ssssss"), changes, order=order)
     theta = 0.01
     found.start(alpha, theta)
     g0 = (1 - alpha / 2) / (1 - alpha) ** 3
     rate = 8 * (1 - e**2) * g0 * alpha / (GRAINS["diameter"] * math.sqrt(math.pi))
     time = 2 / (rate * math.sqrt(theta))
-    for _ in range(200):
-        found.advance(0.01 * time, Feed(0.0))
-    assert found.now.theta == pytest.approx(theta / (1 + 2.0) ** 2, rel=0.01)
+    for _ in range(steps):
+        found.advance(2 * time / steps, Feed(0.0))
+    assert np.ptp(found.now.theta) < 1e-9 * theta
+    return float(found.now.theta[0]) * (1 + 2.0) ** 2 / theta
+
+
+@pytest.mark.parametrize(("e", "alpha"), [(0.8, 0.3), (0.9, 0.1)])
+def test_a_granular_gas_cools_as_haff_says(e: float, alpha: float) -> None:
+    assert cooled(e, alpha, 200) == pytest.approx(1, rel=0.01)
+
+
+def test_cooling_is_of_second_order_in_time() -> None:
+    coarse, fine = (abs(cooled(0.8, 0.3, steps, order=1) - 1) for steps in (20, 40))
+    assert np.log2(coarse / fine) > 1.8
+    assert fine < 0.003
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from test_unsteady_robustness import AXIS, CONVEYING, FEED, conveying, run
 from fem_tfm import Case
 from fem_tfm.mesh import line as line_of
 from fem_tfm.models.unsteady import Feed, Flow3D
+from fem_tfm.models.unsteady.levels import Levels, euler
 from fem_tfm.models.unsteady.state import SMALLEST_FRACTION, Stirred
 
 FOUR = {"closures.turbulence": "realizable-4eq", "closures.dispersion": "burns"}
@@ -45,24 +46,64 @@ def order(request: pytest.FixtureRequest) -> int:
 # -- gas alone ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dt", [0.005, 10.0])
-def test_turbulence_decays_as_its_power_law(dt: float) -> None:
-    """k = k_0 [1 + (C_2 - 1) t eps_0/k_0]^(-1/(C_2 - 1)), and positive with steps of ten k/eps."""
-    found = flow(
-        box((10.0, 10.0, 10.0), (2, 2, 2), "ssssss"), {"closures.turbulence": "k-epsilon"}, True
-    )
+def decayed(dt: float, steps: int, order: int) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """k and eps after steps of `dt` k_0/eps_0, and k_0 A^(-1/(C_2 - 1)), eps_0 A^(-C_2/(C_2 - 1))
+    with A = 1 + (C_2 - 1) t eps_0/k_0."""
+    laws = {"closures.turbulence": "k-epsilon"}
+    found = flow(box((10.0, 10.0, 10.0), (2, 2, 2), "ssssss"), laws, True, order=order)
     k, eps = 1.0, 10.0
     scales = {"k": np.full(found.cells.count, k), "eps": np.full(found.cells.count, eps)}
     found.now = replace(found.now, scales=scales)
-    steps = 400
     for _ in range(steps):
         found.advance(dt * k / eps, Feed(0.0))
-    ages = 1 + 0.92 * steps * dt
-    now = found.now.scales
-    assert now["k"].min() > 0 and now["eps"].min() > 0
-    if dt < 0.1:
-        assert now["k"] == pytest.approx(k * ages ** (-1 / 0.92), rel=0.01)
-        assert now["eps"] == pytest.approx(eps * ages ** (-1.92 / 0.92), rel=0.01)
+    age = 1 + 0.92 * steps * dt
+    exact = {"k": k * age ** (-1 / 0.92), "eps": eps * age ** (-1.92 / 0.92)}
+    return dict(found.now.scales), exact
+
+
+def test_turbulence_decays_as_its_power_law(order: int) -> None:
+    found, exact = decayed(0.005, 400, order)
+    for name, wanted in exact.items():
+        assert found[name] == pytest.approx(wanted, rel=1e-4 if order else 0.01)
+
+
+def test_turbulence_stays_positive_in_steps_of_ten_times_its_own(order: int) -> None:
+    found, _ = decayed(10.0, 400, order)
+    for values in found.values():
+        assert values.min() > 0
+
+
+def test_decay_is_of_second_order_in_time() -> None:
+    errors = []
+    for steps in (40, 80):
+        found, exact = decayed(2.0 / steps, steps, 1)
+        errors.append([abs(found[name][0] / wanted - 1) for name, wanted in exact.items()])
+    assert np.log2(np.divide(*errors)).min() > 1.8
+
+
+def decaying_along(cells: int, order: int) -> float:
+    """Mean error of k behind a grid in a stream, over k of the grid."""
+    length, speed = 1.0, 10.0
+    mesh = box((0.1, 0.1, length), (1, 1, cells), "ssssio")
+    laws = {"closures.turbulence": "k-epsilon", "walls.gas": "free-slip"}
+    inlet = {"inlet.gas_intensity": 1e-3, "inlet.length_scale": 1e-3}
+    rest = {"operation.gas_superficial_velocity": speed, "gas.viscosity": 1e-9}
+    found = flow(mesh, {**laws, **inlet, **rest}, True, order=order)
+    found.move(np.zeros(3), np.array([0.0, 0.0, speed]))
+    k, eps = (float(found.now.scales[name][0]) for name in ("k", "eps"))
+    for _ in range(3 * cells):
+        found.advance(length / speed / cells, Feed(speed))
+    z, now = line(found, found.now.scales["k"])
+    exact = k * (1 + 0.92 * z / speed * eps / k) ** (-1 / 0.92)
+    assert exact.min() < k / 2
+    return float(np.abs(now - exact).mean()) / k
+
+
+def test_slopes_carry_turbulence_to_second_order() -> None:
+    """k = k_0 [1 + (C_2 - 1) (z/u) eps_0/k_0]^(-1/(C_2 - 1)), with next to no diffusion."""
+    coarse, fine = (decaying_along(cells, 1) for cells in (20, 40))
+    assert np.log2(coarse / fine) > 1.8
+    assert fine < 0.1 * decaying_along(40, 0)
 
 
 def test_shear_makes_what_the_laws_say() -> None:
@@ -74,7 +115,8 @@ def test_shear_makes_what_the_laws_say() -> None:
     u_g = np.zeros((many, 3))
     u_g[:, 2] = shear * found.cells.centre[:, 1]
     scales = {"k": np.full(many, k), "eps": np.full(many, eps)}
-    rate = found.turbulence.stir(replace(found.now, u_g=u_g, scales=scales)).rate
+    now = replace(found.now, u_g=u_g, scales=scales)
+    rate = found.turbulence.stir(euler(found.line, now, 1.0)).rate
     made = 0.09 * shear**2 * k / eps
     assert rate["k"] == pytest.approx(made - eps / k, rel=1e-3)
     assert rate["eps"] == pytest.approx(1.44 * made - 1.92 * eps / k, rel=1e-3)
@@ -181,7 +223,8 @@ def spread(found: Flow3D, diffusivity: float, normal: dict[str, Any] | None = No
     """Let a flow be stirred with a given diffusivity of the solids and nothing else."""
     cells = found.cells
 
-    def stir(now: Any, relative: Any = None) -> Stirred:
+    def stir(levels: Levels, relative: Any = None) -> Stirred:
+        now = levels.now
         gradient = cells.whole(cells.gradient(now.u_g))
         drag = found._drag(now)[0]
         alpha = np.maximum(now.alpha, SMALLEST_FRACTION)

@@ -179,7 +179,7 @@ class Flow3D:
         at, stirred, compressed = old, None, None
         thickness = self.ideal.foresee(levels, dt) if self.ideal else None
         if self.turbulence:
-            stirred = self.turbulence.stir(levels.now, thickness and thickness.now)
+            stirred = self.turbulence.stir(levels, thickness and thickness.later)
         if self.solids is not None:
             rates = self._expected_rates(levels)
             response = old.response
@@ -205,11 +205,13 @@ class Flow3D:
             # a gas that gives way follows its drag at once: with that of the slip foreseen alone,
             # flow and drag would take turns
             beta, dragged = beta + steep, steep[:, None] * (at.u_g - at.u_s)
-        if self.turbulence:
-            scales = self.turbulence.carry(levels.now, stirred, moved, dt, feed, effort)
-            at = replace(at, scales=scales)
         if self.ideal:
             compressed = self.ideal.compress(thickness, levels, moved, dt, feed)
+        if self.turbulence:
+            scales = self.turbulence.carry(
+                at, levels, start, stirred, moved, feed, effort, compressed
+            )
+            at = replace(at, scales=scales)
         phases = self.momenta.phases(at, levels, start, moved, rates, stirred, compressed)
         gaps, accelerated = self.momenta.forces(at, phases, beta, levels, feed)
         guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort, dragged)
@@ -364,6 +366,8 @@ class Flow3D:
         if self.past is not None:
             for name in of_cells:
                 found[f"before_{name}"] = getattr(self.past, name)[own].copy()
+            for name, values in self.past.scales.items():
+                found[f"before_{name}"] = values[own].copy()
             for name in of_faces:
                 found[f"before_{name}"] = cells.to_sides(getattr(self.past, name))
             found["before_dt"] = np.array(self.past.dt)
@@ -387,9 +391,12 @@ class Flow3D:
         self.now, self.past = Moment(**found), None
         if self.line.order and "before_dt" in state:
             of_cells, of_faces = self._names_of_past
-            given = {n: np.asarray(state[f"before_{n}"]) for n in (*of_cells, *of_faces)}
+            scales = self.now.scales
+            names = *of_cells, *of_faces, *scales
+            given = {name: np.asarray(state[f"before_{name}"]) for name in names}
             found = {name: cells.whole(given[name]) for name in of_cells}
             found |= {name: cells.from_sides(given[name]) for name in of_faces}
+            found["scales"] = {name: cells.whole(given[name]) for name in scales}
             self.past = Past(float(state["before_dt"]), **found)
         self.time, self.steps = float(state["time"]), int(state["steps"])
         names = (f.name for f in fields(Masses))

@@ -16,7 +16,8 @@ so that mass stays exact whatever share of its past each face takes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
@@ -31,6 +32,8 @@ PACKING = 0.8, 0.9
 MOST_OF_ROOM = 0.5
 # largest factor from one step to the next of a fraction and of the granular temperature
 LARGEST_RATIO, LARGEST_RISE = 1.5, 2.0
+# eddies that turn over once in this many steps are carried on by half
+TURNS = 3.0
 # speed below which a change is not compared with the speed itself, over U
 SLOW = 0.1
 
@@ -58,6 +61,7 @@ class Past:
     p: Array | None = None
     gas: Array | None = None
     fed: Array | None = None
+    scales: Mapping[str, Array] = field(default_factory=dict)
 
     @classmethod
     def of(cls, before: Moment, dt: float, passed: Array, added: Array) -> Past:
@@ -156,21 +160,32 @@ def second_order(
     of_solids = _ratio(now.alpha, past.alpha, cells * r)
     of_gas = _ratio((1 - now.alpha) * gas[0], (1 - past.alpha) * gas[1], cells * r)
     rise = _rise(now.theta, past.theta)
+    rises = {name: _rise(value, past.scales[name]) for name, value in now.scales.items()}
+    weights = {name: of_solids if name.endswith("_s") else of_gas for name in rises}
     start = replace(
         now,
-        theta=now.theta * rise ** (of_solids * cells * r),
+        theta=_start(now.theta, rise, of_solids * cells * r),
         u_s=now.u_s + (of_solids * cells * r)[:, None] * (now.u_s - past.u_s),
         u_g=now.u_g + (of_gas * cells * r)[:, None] * (now.u_g - past.u_g),
         carried=now.carried + faces * r * (now.carried - past.carried),
+        scales={
+            name: _start(now.scales[name], rises[name], weights[name] * cells * r) for name in rises
+        },
     )
     there = (loose * r)[:, None]
+    ahead = now.alpha + loose * r * (now.alpha - past.alpha)
     expected = replace(
         now,
+        alpha=np.clip(ahead, now.alpha / 2, (now.alpha + limit) / 2),
         theta=now.theta * rise ** (loose * r),
         u_s=_carry_on(now.u_s, past.u_s, there, slow),
         u_g=_carry_on(now.u_g, past.u_g, there, slow),
         total=_carry_on(now.total, past.total, linear * r, fluxes),
         carried=_carry_on(now.carried, past.carried, linear * r, fluxes),
+        scales={
+            name: now.scales[name] * rises[name] ** (_slowness(now, name, dt) * loose * r)
+            for name in rises
+        },
     )
     span, span_faces = dt * (1 - cells[line.own]), dt * (1 - faces)
     return Levels(
@@ -207,6 +222,21 @@ def _on_faces(line: Line, values: Array) -> Array:
 def _rise(now: Array, before: Array) -> Array:
     """Factor by which a positive quantity has grown, within limits."""
     return np.clip(now / np.maximum(before, 1e-300), 1 / LARGEST_RISE, LARGEST_RISE)
+
+
+def _start(now: Array, rise: Array, c: Array) -> Array:
+    """y_0 + c (y_0 - y_before) of a positive quantity that has grown by a factor, within limits."""
+    return now * np.clip(1 + c * (1 - 1 / rise), 1 / LARGEST_RISE, LARGEST_RISE)
+
+
+def _slowness(now: Moment, scale: str, dt: float) -> Array:
+    """1 where eddies last longer than a step, to second order; 0 where they turn over within it.
+
+    What follows others at once must not be carried on: it would take turns with them.
+    """
+    phase = "_s" if scale.endswith("_s") else ""
+    turned = TURNS * dt * now.scales[f"eps{phase}"] / now.scales[f"k{phase}"]
+    return 1 / (1 + np.square(turned))
 
 
 def _kept(line: Line, now: Moment, flux: Array, dt: float, limit: float) -> Array:

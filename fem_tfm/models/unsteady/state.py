@@ -185,6 +185,10 @@ class Density:
         """The same everywhere."""
         return cls(value, value, value, value, value)
 
+    def over(self, unit: float) -> Density:
+        """The same in another unit."""
+        return Density(**{name: value / unit for name, value in vars(self).items()})
+
     def thinning(self, inlet: slice) -> Array | float:
         """Volume of what enters over that at the density of the feed [-]."""
         carried = self.carried

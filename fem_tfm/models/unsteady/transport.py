@@ -72,7 +72,12 @@ class Transport:
         self._krylov.renew()
         found, self.iterations = guess, 0
         for _ in range(1 if linear is None else SLOPES):
-            later = side if linear is None else side - self._beyond(flux, found, linear, side)
+            later = side
+            if linear is not None:
+                beyond = self._beyond(flux, found, linear, side)
+                if held is not None:
+                    beyond[held[0]] = 0.0
+                later = side - beyond
             found = self._krylov.solve(later, found)
             self.iterations += self._krylov.iterations
         return found

@@ -1,14 +1,19 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Turbulence of a step: k and epsilon of the gas, and of the solids, where laws transport them.
 
-The laws give diffusivity D and rate r of each scale X, dX/dt = ... + r X. With q = dt r/(1 + dt s),
-the step of the implicit Euler method for ln X, and s the slope by which r falls with ln X, X obeys
+The laws give diffusivity D and rate r of each scale X, dX/dt = ... + r X, and the slope s by which
+r falls with ln X. Over a step of Euler's method, with q = dt r/(1 + dt s), that of ln X,
 
     a (dt r/(e^q - 1)) (X - e^q X_0)/dt + a u.grad X = div(a D grad X)
 
-which X_0 fulfils where it is steady, and which carries a positive X to a positive one at any step.
+and over one of second order from X_0, with X_1 foreseen for its end and q = dt r,
+
+    a ((f - q + dt s) X - f X_0 - dt s X_1)/dt + a u.grad X = div(a D grad X),
+    f = sqrt(1 + max(q, 0)^2)
+
+which X_0 fulfils where it is steady, and which carry a positive X to a positive one at any step.
 Where the density of the gas follows the pressure, a is the share of its mass, a rho_g/rho_ref.
-It is of first order in space and time. Coefficients are those of the state before the step.
+Coefficients are those of the state that is foreseen for the end of the step.
 """
 
 from __future__ import annotations
@@ -21,9 +26,18 @@ import numpy as np
 from fem_tfm.case import Case
 from fem_tfm.closures.dispersed import GasEddies, Grains
 from fem_tfm.closures.turbulence import Balance, Eddies
+from fem_tfm.models.unsteady.compression import Compressed
 from fem_tfm.models.unsteady.laws import CellLaws
+from fem_tfm.models.unsteady.levels import Levels
 from fem_tfm.models.unsteady.line import Line
-from fem_tfm.models.unsteady.state import SMALLEST_FRACTION, Feed, Moment, Moved, Stirred
+from fem_tfm.models.unsteady.state import (
+    SMALLEST_FRACTION,
+    Density,
+    Feed,
+    Moment,
+    Moved,
+    Stirred,
+)
 from fem_tfm.models.unsteady.transport import Transport
 from fem_tfm.solvers.cells import Array, CellMatrix
 
@@ -95,18 +109,19 @@ class Turbulence:
 
     # -- what the laws make of a state ---------------------------------------------------------
 
-    def stir(self, now: Moment, relative: Array | None = None) -> Stirred:
-        """What the turbulence of a state does, in all cells (collective).
+    def stir(self, levels: Levels, relative: Array | None = None) -> Stirred:
+        """What the turbulence does at the end of a step as far as it is foreseen (collective).
 
         relative : density of the gas over that of the case [-], None where it is constant
         """
-        line, cells = self.line, self.line.cells
+        line, cells, at = self.line, self.line.cells, levels.expected
         laws = self.laws if relative is None else self.laws.of(relative)
-        gradient = cells.whole(cells.gradient(now.u_g))
-        scales = [now.scales[name] for name in self._of_gas]
-        eddies = laws.eddies(self._mirrored(gradient), *line.gas_profile, *scales)
-        eddies = self._at_wall(eddies, now, laws)
-        grains = self._grains(now, laws) if laws.solids else None
+        gradient = cells.whole(cells.gradient(levels.now.u_g))
+        later = gradient if levels.past is None else cells.whole(cells.gradient(at.u_g))
+        scales = [at.scales[name] for name in self._of_gas]
+        eddies = laws.eddies(self._mirrored(later), *line.gas_profile, *scales)
+        eddies = self._at_wall(eddies, at, laws)
+        grains = self._grains(at, laws) if laws.solids else None
         gas = self._met(eddies)
         balances = self._balances(eddies, gas, grains)
         nu_s, spread, drag, normal = 0.0, None, None, None
@@ -118,7 +133,7 @@ class Turbulence:
                 drag = grains.specific * grains.alpha
             share = self.dispersed.normal_stress if self._of_solids else 0.0
             if share:
-                normal = {name: share * 2 / 3 * now.scales[name] for name in ("k", "k_s")}
+                normal = {name: share * 2 / 3 * at.scales[name] for name in ("k", "k_s")}
         stiffness = {}
         for name, rate in self._rates_beside(eddies, gas, grains).items():
             stiffness[name] = np.maximum((balances[name].rate - rate) / SMALL_RISE["k"], 0.0)
@@ -257,69 +272,74 @@ class Turbulence:
 
     def carry(
         self,
-        now: Moment,
+        at: Moment,
+        levels: Levels,
+        start: Moment,
         stirred: Stirred,
         moved: Moved | None,
-        dt: float,
         feed: Feed,
         effort: dict[str, int],
+        compressed: Compressed | None,
     ) -> dict[str, Array]:
-        """Scales after a step from `now`, in all cells (collective).
+        """Scales after a step from `start`, in all cells (collective).
+
+        at : state of which coefficients are taken
+        compressed : the gas, None where its density is constant
 
         Raises
         ------
         SolverError
             the linear solver does not converge.
         """
-        cells, passed = self.line.cells, 0.0 if moved is None else moved.passed
+        line, own, solids = self.line, self.line.own, 0.0 if moved is None else moved.flux
+        gas = Density.constant(1.0)
+        if compressed is not None:
+            gas = compressed.density.over(self.laws.gas.density)
         effort["turbulence"] = 0
         found: dict[str, Array] = {}
-        for phase, names, fraction, flux in (
-            ("gas", self._of_gas, 1 - now.alpha, now.total - passed),
-            ("solids", self._of_solids, now.alpha, passed),
+        for phase, names, density, before, after, flux in (
+            ("gas", self._of_gas, gas, 1 - start.alpha, 1 - at.alpha, at.total - solids),
+            ("solids", self._of_solids, Density.constant(1.0), start.alpha, at.alpha, solids),
         ):
-            fraction = np.maximum(fraction, SMALLEST_FRACTION)
+            if not names:
+                continue
+            inertia = density.start * np.maximum(before[own], SMALLEST_FRACTION) * line.volume
+            spread = np.maximum(after, SMALLEST_FRACTION)
             if phase == "gas" and stirred.relative is not None:
-                # what is carried belongs to the mass
-                fraction, flux = fraction * stirred.relative, flux * cells.mean(stirred.relative)
-            entering = self._entering(phase, feed.mean_velocity(phase)) if names else {}
+                spread = spread * stirred.relative
+            entering = self._entering(phase, feed.mean_velocity(phase))
             for name in names:
-                found[name] = self._carried(
-                    name, now, stirred, fraction, flux, dt, entering[name], found
+                diagonal, side = self._step(name, levels, start, stirred)
+                values = self.transport.carry(
+                    density.carried * flux,
+                    spread * stirred.spread[name],
+                    inertia * diagonal,
+                    inertia * side,
+                    levels.now.scales[name][own],
+                    entering[name],
+                    linear=levels.linear if line.order else None,
+                    held=self._held(name, stirred, found),
                 )
+                found[name] = line.cells.whole(np.maximum(values, self._floors[name]))
                 effort["turbulence"] += self.transport.iterations
         return found
 
-    def _carried(
-        self,
-        name: str,
-        now: Moment,
-        stirred: Stirred,
-        fraction: Array,
-        flux: Array,
-        dt: float,
-        entering: float,
-        found: dict[str, Array],
-    ) -> Array:
-        """One scale after the step."""
-        line, own, before = self.line, self.line.own, now.scales[name]
-        rise = dt * stirred.rate[name][own]
-        step = rise / (1 + dt * stirred.stiffness[name][own])
-        step = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
-        small = np.abs(step) < SMALLEST_CHANGE
-        step = np.where(small, SMALLEST_CHANGE, step)
-        fitted = np.where(small, 1 + dt * stirred.stiffness[name][own], rise / np.expm1(step))
-        diagonal = fraction[own] * line.volume / dt * fitted
-        values = self.transport.carry(
-            flux,
-            fraction * stirred.spread[name],
-            diagonal,
-            diagonal * np.exp(step) * before[own],
-            before[own],
-            entering,
-            held=self._held(name, stirred, found),
-        )
-        return line.cells.whole(np.maximum(values, self._floors[name]))
+    def _step(
+        self, name: str, levels: Levels, start: Moment, stirred: Stirred
+    ) -> tuple[Array, Array]:
+        """Inertia and sources of a scale over a, in the owned cells: of the matrix and its side."""
+        own, span = self.line.own, levels.span
+        rise, stiff = span * stirred.rate[name][own], span * stirred.stiffness[name][own]
+        before = start.scales[name][own]
+        if levels.past is None:
+            step = np.clip(rise / (1 + stiff), -LARGEST_STEP, LARGEST_STEP)
+            small = np.abs(step) < SMALLEST_CHANGE
+            step = np.where(small, SMALLEST_CHANGE, step)
+            fitted = np.where(small, 1 + stiff, rise / np.expm1(step)) / span
+            return fitted, fitted * np.exp(step) * before
+        kept = np.sqrt(1 + np.square(np.maximum(rise, 0.0)))
+        foreseen = levels.expected.scales[name][own]
+        return (kept - rise + stiff) / span, (kept * before + stiff * foreseen) / span
 
     def _held(
         self, name: str, stirred: Stirred, found: dict[str, Array]
