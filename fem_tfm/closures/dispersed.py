@@ -149,12 +149,13 @@ class Simonin(Dispersed):
         k_s  = k_g (b^2 + eta)/(1 + eta)
         k_gs = 2 [k_g (b + eta) + agitation eta Z q]/[1 + eta (1 + agitation Z)],  q = (3/2) Theta
         nu_s = [k_gs tau_t + k_s tau_F]/3 / (1 + tau_F sigma_c/(2 tau_c))
-        gain_g = [damping beta (k_gs - 2 k_g) (1 - floor/k_g) + drift drift power]/(a_g rho_g k_g)
+        gain_g = [damping beta (k_gs - 2 k_g) + drift drift power]/(a_g rho_g k_g)
         1/tau_c = 24 a g0 sqrt(Theta/pi)/d,  sigma_c = (1 + e)(3 - e)/5
 
-    The grains take 2 beta k_g from the gas and give beta k_gs back. With agitation = 1 their own
-    random motion q takes part: it keeps k_g from vanishing where the loading Z is high. Collisions
-    cut the path on which a grain carries momentum.
+    The grains take 2 beta k_g from the gas and give beta k_gs back; in the gain k_g counts from the
+    floor, which they leave to the gas. With agitation = 1 their own random motion q takes part: it
+    keeps k_g from vanishing where the loading Z is high. Collisions cut the path on which a grain
+    carries momentum.
 
     Validity: grains slower than the eddies; agitation = 0 for dilute flow, Z < 1.
     Source: Simonin (1996), VKI Lecture Series 1996-02; Peirano and Leckner (1998), Prog. Energy
@@ -170,9 +171,13 @@ class Simonin(Dispersed):
 
     def covariance(self, gas: GasEddies, grains: Grains) -> Value:
         """k_gs [m2/s2]."""
+        return self._shared(gas.k, gas, grains)
+
+    def _shared(self, k: Value, gas: GasEddies, grains: Grains) -> Value:
+        """k_gs of an energy k of the same eddies [m2/s2]."""
         eta, b, loading = self._ratios(gas, grains)
         shared = self.agitation * eta * loading
-        return 2 * (gas.k * (b + eta) + shared * 1.5 * grains.theta) / (1 + eta + shared)
+        return 2 * (k * (b + eta) + shared * 1.5 * grains.theta) / (1 + eta + shared)
 
     def _ratios(self, gas: GasEddies, grains: Grains) -> tuple[Value, Value, Value]:
         """eta, b and Z [-]."""
@@ -196,8 +201,8 @@ class Simonin(Dispersed):
 
     def gain(self, gas: GasEddies, grains: Grains) -> Value:
         """Power given to k_g over a_g rho_g k_g [1/s]."""
-        sink = self.damping * grains.specific * (self.covariance(gas, grains) - 2 * gas.k)
-        sink = sink * (1 - gas.floor / gas.k)
+        free = gas.k - gas.floor
+        sink = self.damping * grains.specific * (self._shared(free, gas, grains) - 2 * free)
         drift = drift_power(gas, grains, self.viscosity(gas, grains), self.sigma)
         return _per_gas(sink + self.drift * drift, gas, grains)
 

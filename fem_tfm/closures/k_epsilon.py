@@ -18,7 +18,8 @@ with C_mu0 = 0.09. b(Re_y) switches from 0 to 1 around Re_y = 200; y_n = l/0.4 w
 mixing length l, which is y at the wall and keeps the eddies of a gas without turbulence of its own
 within the pipe. The equation of eps is pulled to the wall's value with a time of
 l_eps/(hold sqrt(k)), and further out only where the eddies are e times as long: turbulence that
-grains destroy would else grow them.
+grains destroy would else grow them. Where they do so faster than the pull, mu_t still sees eddies
+of at most e times that length.
 
 Symbols: S shear rate [1/s], nu = mu_g/rho_g [m2/s], y distance to the wall [m].
 """
@@ -26,7 +27,7 @@ Symbols: S shear rate [1/s], nu = mu_g/rho_g [m2/s], y distance to the wall [m].
 from __future__ import annotations
 
 from abc import abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from fem_tfm.closures.base import parameter, register
@@ -96,8 +97,14 @@ class TwoEquation(Turbulence):
         """nu_t [m2/s]."""
         re, outer = self.reynolds(eddies) + _TINY_RE, self.outer(eddies)
         damped = (1 - exp(-re / self.A)) / (1 - exp(-re / (2 * self._c_l())))
+        eddies = replace(eddies, eps=eddies.eps * exp(self.oversize(eddies)))
         share = outer * self.c_mu(eddies) + (1 - outer) * C_MU * damped
         return share * eddies.k**2 / eddies.eps
+
+    def oversize(self, eddies: Eddies) -> Value:
+        """Logarithm of the eddies' length over the largest, smoothly zero below it [-]."""
+        excess = ln(self.wall_dissipation(eddies) / eddies.eps)
+        return softplus(excess - LARGEST, LARGEST / 10)
 
     def viscosity(self, eddies: Eddies) -> Value:
         """mu_t [Pa s]."""
@@ -118,8 +125,7 @@ class TwoEquation(Turbulence):
     def pull(self, eddies: Eddies) -> Value:
         """Rate at which eps is drawn to the wall's value, and away from larger eddies [1/s]."""
         wall, outer = self.wall_dissipation(eddies), self.outer(eddies)
-        excess = ln(wall / eddies.eps)
-        excess = (1 - outer) * excess + outer * softplus(excess - LARGEST, LARGEST / 10)
+        excess = (1 - outer) * ln(wall / eddies.eps) + outer * self.oversize(eddies)
         return self.hold * wall / eddies.k * excess
 
     def wall_values(self, eddies: Eddies) -> dict[str, Value]:

@@ -67,8 +67,14 @@ def test_agitated_grains_feed_the_gas(grains):
 
 
 def test_grains_leave_the_floor(grains):
+    """At rest they take nothing from the floor; agitated, they give there and below it."""
     law = make("dispersed", {"model": "simonin", "drift": 0.0})
-    assert law.gain(replace(GAS, k=0.01), grains) == pytest.approx(0.0, abs=1e-9)
+    floor = replace(GAS, k=GAS.floor)
+    assert law.gain(floor, replace(grains, theta=0.0)) == pytest.approx(0.0, abs=1e-9)
+    for theta in (0.0, 0.04, 40.0):
+        agitated = replace(grains, theta=theta)
+        gains = [law.gain(replace(GAS, k=f * GAS.floor), agitated) for f in (0.01, 0.1, 0.99)]
+        assert gains[0] > gains[1] > gains[2] > 0
 
 
 @pytest.mark.parametrize("drift", [0.0, 1.0])

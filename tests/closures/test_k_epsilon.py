@@ -47,14 +47,15 @@ def test_standard_rates_in_closed_numbers(agree, nitrogen):
     law, eddies = make("turbulence", "k-epsilon"), log_layer(nitrogen, 5e-3)
     frequency = eddies.eps / eddies.k
     growth, values = of(eddies, law.growth)
-    assert agree(growth, *values) == pytest.approx((1.44 - 1.92) * frequency)
+    # the smooth cut of oversized eddies leaves 1e-5 here
+    assert agree(growth, *values) == pytest.approx((1.44 - 1.92) * frequency, rel=1e-4)
     balance = law.balances(eddies, 7.0)
-    assert balance["ln_k"].rate == pytest.approx(7.0)
+    assert balance["ln_k"].rate == pytest.approx(7.0, rel=1e-4)
     # eddies are those of the wall, so that nothing pulls
     assert balance["ln_eps"].rate == pytest.approx(-0.48 * frequency + 1.3 * 7.0, rel=1e-3)
     nu, nu_t = 1.8e-5 / 33.5, KAPPA * U_TAU * 5e-3
-    assert balance["ln_k"].diffusivity == pytest.approx(nu + nu_t)
-    assert balance["ln_eps"].diffusivity == pytest.approx(nu + nu_t / 1.3)
+    assert balance["ln_k"].diffusivity == pytest.approx(nu + nu_t, rel=1e-4)
+    assert balance["ln_eps"].diffusivity == pytest.approx(nu + nu_t / 1.3, rel=1e-4)
 
 
 def test_realizable_coefficients_in_closed_numbers(agree, nitrogen):
@@ -99,7 +100,8 @@ def test_layer_at_the_wall(agree, nitrogen, name):
     assert agree(wall, *values) == pytest.approx(k**1.5 / length, rel=1e-6)
     eddies = replace(eddies, eps=law.wall_dissipation(eddies))
     damped = 0.09 * c_l * y * math.sqrt(k) * (1 - math.exp(-re / 70))
-    assert law.kinematic(eddies) == pytest.approx(damped, rel=1e-6)
+    # the smooth cut of oversized eddies leaves 5e-6 here
+    assert law.kinematic(eddies) == pytest.approx(damped, rel=1e-5)
     assert law.pull(eddies) == pytest.approx(0.0, abs=1e-9)
     assert law.wall_values(eddies) == {"ln_eps": pytest.approx(math.log(eddies.eps))}
     # twice the dissipation is pulled back at `hold` times ln 2
@@ -119,11 +121,30 @@ def test_only_oversized_eddies_are_pulled_in_the_core(nitrogen, name):
 
 
 @pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("height", [1e-4, 5e-3], ids=["wall layer", "core"])
+def test_viscosity_of_oversized_eddies_is_that_of_the_largest(agree, nitrogen, name, height):
+    """Where eps vanishes before k, nu_t is that of eddies e times as long as the wall's."""
+    law, eddies = make("turbulence", name), log_layer(nitrogen, height)
+    wall = law.wall_dissipation(eddies)
+    largest = law.kinematic(replace(eddies, eps=wall * math.exp(-1.5)))
+    for excess in (5.0, 20.0):
+        viscosity, values = of(replace(eddies, eps=wall * math.exp(-excess)), law.kinematic)
+        assert agree(viscosity, *values) == pytest.approx(largest, rel=0.01)
+    # those of a gas without grains are left alone
+    ratio = law.kinematic(replace(eddies, eps=wall / 1.1)) / law.kinematic(
+        replace(eddies, eps=wall)
+    )
+    c_mu = [law.c_mu(replace(eddies, eps=wall / f)) for f in (1.1, 1.0)]
+    share = 1.1 * c_mu[0] / c_mu[1] if law.outer(eddies) > 0.5 else 1.1
+    assert ratio == pytest.approx(share, rel=1e-4)
+
+
+@pytest.mark.parametrize("name", LAWS)
 def test_slopes_match_differences(smooth, nitrogen, name):
     law = make("turbulence", name)
     for y in (1e-5, 2e-4, 5e-3):
         eddies = replace(log_layer(nitrogen, y), A_s=realizable_slope(0.2))
-        for method in (law.kinematic, law.growth, law.pull, law.wall_dissipation):
+        for method in (law.kinematic, law.growth, law.pull, law.oversize, law.wall_dissipation):
             function, values = of(eddies, method)
             smooth(function, values, difference=True)
 

@@ -20,11 +20,12 @@ from strong import divergence, gradient
 from test_gas_alone import DENSITY, SIZE, VELOCITY, darcy, gas_case
 from test_jacobian import TOLERANCE, compare
 
+from fem_tfm.bench import stress
 from fem_tfm.closures.dispersed import GasEddies, Grains
 from fem_tfm.closures.materials import Gas, Solids
 from fem_tfm.closures.turbulence import Eddies, realizable_slope
 from fem_tfm.fenics import compile_form
-from fem_tfm.flows import dense, start
+from fem_tfm.flows import dense, developed, start
 from fem_tfm.flows.dense import setup_of
 from fem_tfm.flows.section import Section
 from fem_tfm.interpolation import point_values
@@ -358,3 +359,19 @@ def test_case_3_from_a_cold_start(chosen: dict[str, Any]) -> None:
             values = fields[name].x.array
             assert 0 < values.min() and values.max() < 0.5 * 6.43**2
     assert quantities(solution)["max_solids_fraction"] < 0.63
+
+
+def test_grains_that_take_all_turbulence_of_a_bed() -> None:
+    """Large grains settle in a level pipe; a cold start alone leads to the steady state.
+
+    They take k from the gas faster than anything else changes it, and it must stay at its floor.
+    """
+    case = stress.cases(turbulent=True)[140]
+    found = Section(dense.meshes(case)[0](), setup_of(case))
+    width = found.mesh.geometry.hydraulic_diameter
+    control = developed.step_control(found.setup, width, 1e-9, case.numerics.max_steps)
+    history = developed.solve_level(found, control, None, scheme=developed.Scheme())
+    assert history.update <= 1e-9
+    dense.checked_balances(found)
+    k = found.fields()["k"].x.array
+    assert k.min() > 0.5 * found.setup.numerics.k_floor
