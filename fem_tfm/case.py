@@ -33,12 +33,12 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 
 from fem_tfm.errors import InputError, nearest
-from fem_tfm.species import SPECIES
+from fem_tfm.materials import SPECIES
 
 if TYPE_CHECKING:
     from fem_tfm.closures.base import Closure
-    from fem_tfm.closures.materials import Gas as GasMaterial
-    from fem_tfm.closures.materials import Solids as SolidsMaterial
+    from fem_tfm.materials import Gas as GasMaterial
+    from fem_tfm.materials import Solids as SolidsMaterial
     from fem_tfm.output.result import Result
 
 FLOWS = {"dense": "fem_tfm.flows.dense", "duct": "fem_tfm.flows.duct"}
@@ -782,20 +782,19 @@ class Case(Table):
     @property
     def gas_material(self) -> GasMaterial:
         """Density and viscosity of the gas, as the closures take them."""
-        from fem_tfm.closures.materials import Gas as GasMaterial
+        from fem_tfm.materials import Gas as GasMaterial
 
         return GasMaterial(density=self.gas.gas_density, viscosity=self.gas.gas_viscosity)
 
     @property
     def solids_material(self) -> SolidsMaterial | None:
         """The solids as the closures take them (friction angle in rad); None for gas alone."""
-        from fem_tfm.closures.materials import Solids as SolidsMaterial
+        from fem_tfm.materials import Solids as SolidsMaterial
 
         if self.solids is None:
             return None
         values = self.solids.model_dump()
-        angle = math.radians(values.pop("friction_angle_deg"))
-        return SolidsMaterial(**values, friction_angle=angle)
+        return SolidsMaterial(**values)
 
     @property
     def solids_feed(self) -> tuple[Literal["holdup", "flux"], float] | None:
@@ -821,7 +820,7 @@ class Case(Table):
         As given, or u_s from the correlation of the feeder and alpha_s = j_s/u_s. Raises
         `InputError` where the feed does not tell them.
         """
-        from fem_tfm.feed import feed_velocity
+        from fem_tfm.correlations import feed_velocity
 
         feed = self.operation
         if feed.solids_fraction is not None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from fem_tfm.species import SPECIES
+from fem_tfm.materials import SPECIES
 
 # R [J/kg/K] = 8.314463/M, and viscosity [1e-6 Pa s] at 1 bar and 300, 400 K
 # (Huber and Harvey, Viscosity of gases, CRC Handbook of Chemistry and Physics)

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from fem_tfm.closures.base import Closure, parameter, register
-from fem_tfm.closures.materials import Solids
+from fem_tfm.materials import Solids
 from fem_tfm.closures.ops import Value, positive_part, sin, softplus, sqrt, tanh
 
 _SQRT2 = math.sqrt(2)

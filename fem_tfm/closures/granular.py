@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from fem_tfm.closures.base import Closure, register
-from fem_tfm.closures.materials import Solids
+from fem_tfm.materials import Solids
 from fem_tfm.closures.ops import Value, sqrt, where_greater
 
 _SQRT_PI = math.sqrt(math.pi)

@@ -11,7 +11,7 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 from fem_tfm.closures.base import Closure, register
-from fem_tfm.closures.materials import Solids
+from fem_tfm.materials import Solids
 from fem_tfm.closures.ops import Value, safe_pow
 
 _TINY_FRACTION = 1e-6

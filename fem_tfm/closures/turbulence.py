@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from fem_tfm.closures.base import Closure, parameter, register
-from fem_tfm.closures.materials import Gas
+from fem_tfm.materials import Gas
 from fem_tfm.closures.ops import Value, acos, cos, exp, maximum, safe_pow
 
 _TINY_RE = 1e-4

@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 
 from fem_tfm.closures.base import Closure, parameter, register
 from fem_tfm.closures.granular import lun_pressure
-from fem_tfm.closures.materials import Gas, Solids
+from fem_tfm.materials import Gas, Solids
 from fem_tfm.closures.ops import (
     Value,
     erf,

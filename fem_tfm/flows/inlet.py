@@ -9,7 +9,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from fem_tfm.feed import power_law
+from fem_tfm.correlations import power_law
 from fem_tfm.flows.section import Section
 from fem_tfm.flows.start import set_turbulence
 

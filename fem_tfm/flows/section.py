@@ -21,7 +21,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fem_tfm.closures.base import Closure
-from fem_tfm.closures.materials import Gas, Solids
+from fem_tfm.materials import Gas, Solids
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.discretisation import Discretisation
 from fem_tfm.mesh import Mesh

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from fem_tfm.closures import make, names
 from fem_tfm.closures.drag import schiller_naumann_factor
-from fem_tfm.closures.materials import Gas, Solids
+from fem_tfm.materials import Gas, Solids
 
 DRAGS = names("drag")
 

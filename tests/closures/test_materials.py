@@ -6,7 +6,7 @@ import math
 import pytest
 import ufl
 
-from fem_tfm.closures.materials import Gas, Solids
+from fem_tfm.materials import Gas, Solids
 from fem_tfm.errors import InputError
 
 
@@ -25,7 +25,7 @@ BAD = [
     ({"restitution": 0.0}, "restitution"),
     ({"packing_limit": 0.8}, "packing_limit"),
     ({"friction_limit": 0.63}, "friction_limit"),
-    ({"friction_angle": 32.0}, "friction_angle"),
+    ({"friction_angle_deg": 92.0}, "solids.friction_angle_deg"),
 ]
 
 

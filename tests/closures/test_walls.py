@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fem_tfm.closures import make, names
-from fem_tfm.closures.materials import Gas
+from fem_tfm.materials import Gas
 from fem_tfm.closures.walls import GasWallState, WallState
 
 SOLIDS_LAWS = names("solids-wall")

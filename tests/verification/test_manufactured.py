@@ -16,7 +16,7 @@ from dolfinx import fem
 from dolfinx.mesh import CellType
 from strong import Exact, Strong, divergence
 
-from fem_tfm.closures.materials import Gas, Solids
+from fem_tfm.materials import Gas, Solids
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.dense import setup_of
 from fem_tfm.flows.section import Section
@@ -224,7 +224,7 @@ class Weak:
         return float(fem.assemble_scalar(self.form))
 
 
-GAS, SOLIDS = Gas(1.5, 0.05), Solids(4.0, 0.2, friction_limit=0.3, friction_angle=0.5)
+GAS, SOLIDS = Gas(1.5, 0.05), Solids(4.0, 0.2, friction_limit=0.3, friction_angle_deg=28.647889756541161)
 SMOOTH = {
     "closures.drag.width": 0.2,
     "closures.friction.width": 0.1,

@@ -22,7 +22,7 @@ from test_jacobian import TOLERANCE, compare
 
 from fem_tfm.bench import stress
 from fem_tfm.closures.dispersed import GasEddies, Grains
-from fem_tfm.closures.materials import Gas, Solids
+from fem_tfm.materials import Gas, Solids
 from fem_tfm.closures.turbulence import Eddies, realizable_slope
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows import dense, developed, start
@@ -145,7 +145,7 @@ def test_the_sublayer_is_the_same_from_any_height_in_it(factor: float) -> None:
 
 # -- weak against strong -----------------------------------------------------------------------
 
-GAS, SOLIDS = Gas(1.5, 0.05), Solids(4.0, 0.2, friction_limit=0.3, friction_angle=0.5)
+GAS, SOLIDS = Gas(1.5, 0.05), Solids(4.0, 0.2, friction_limit=0.3, friction_angle_deg=28.647889756541161)
 SMOOTH = {"closures.drag.width": 0.2, "closures.friction.width": 0.1}
 SCALES = ("ln_k", "ln_eps", "ln_k_s", "ln_eps_s")
 IDT = 0.8

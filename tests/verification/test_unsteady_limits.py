@@ -14,7 +14,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
 
 from fem_tfm.closures import make
-from fem_tfm.closures.materials import Gas
+from fem_tfm.materials import Gas
 from fem_tfm.models.unsteady import Feed, Flow3D
 from fem_tfm.models.unsteady.levels import euler
 from fem_tfm.models.unsteady.state import SMALLEST_FRACTION, SMALLEST_THETA, Moved, Rates
