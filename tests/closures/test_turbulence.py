@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from fem_tfm.closures import make, names
 from fem_tfm.closures.materials import Gas
-from fem_tfm.closures.turbulence import Eddies
+from fem_tfm.closures.turbulence.gas import Eddies
 
 WALL_UNITS = Gas(1.0, 1.0)
 

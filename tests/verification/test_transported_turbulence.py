@@ -21,9 +21,9 @@ from test_gas_alone import DENSITY, SIZE, VELOCITY, darcy, gas_case
 from test_jacobian import TOLERANCE, compare
 
 from fem_tfm.bench import stress
-from fem_tfm.closures.dispersed import GasEddies, Grains
 from fem_tfm.closures.materials import Gas, Solids
-from fem_tfm.closures.turbulence import Eddies, realizable_slope
+from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
+from fem_tfm.closures.turbulence.gas import Eddies, realizable_slope
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows import dense, developed, start
 from fem_tfm.flows.dense import setup_of
