@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Published correlations of conveying lines and turbulent ducts, to start from and to compare with."""
+"""Published correlations of conveying lines and turbulent ducts, to start from and compare with."""
 
 from __future__ import annotations
 

@@ -89,9 +89,7 @@ class Gas(Parameters):
             raise InputError("gas.compressible", True, allowed)
 
     @classmethod
-    def species(
-        cls, name: str, pressure: float, temperature: float = 293.0, **more: Any
-    ) -> Self:
+    def species(cls, name: str, pressure: float, temperature: float = 293.0, **more: Any) -> Self:
         """An ideal gas by its name, with rho = p/(R T) and Sutherland's viscosity.
 
         pressure : absolute [Pa]
@@ -106,7 +104,7 @@ class Gas(Parameters):
     def ideal(
         cls, gas_constant: float, viscosity: float, pressure: float, temperature: float = 293.0
     ) -> Self:
-        """An ideal gas by R [J/kg/K] and viscosity [Pa s] at a pressure [Pa] and temperature [K]."""
+        """An ideal gas by R [J/kg/K], viscosity [Pa s], pressure [Pa] and temperature [K]."""
         return cls.from_table(
             {
                 "gas_constant": gas_constant,
@@ -132,9 +130,7 @@ class Gas(Parameters):
         stated = [name for name in DENSITIES if name in given]
         if len(stated) != 1:
             key = stated[-1] if stated else DENSITIES[0]
-            raise InputError(
-                f"gas.{key}", given.get(key), f"exactly one of {', '.join(DENSITIES)}"
-            )
+            raise InputError(f"gas.{key}", given.get(key), f"exactly one of {', '.join(DENSITIES)}")
         if stated == ["density"]:
             if "pressure" in given:
                 words = "no pressure beside gas.density; give gas.species for an ideal gas"
@@ -191,9 +187,7 @@ class Solids(Parameters):
     friction_limit: float = parameter(
         0.4, "-", "solids fraction where friction begins", gt=0, lt=0.7406
     )
-    friction_angle_deg: float = parameter(
-        32.0, "deg", "angle of internal friction", gt=0, lt=90
-    )
+    friction_angle_deg: float = parameter(32.0, "deg", "angle of internal friction", gt=0, lt=90)
     table: ClassVar[str] = "solids"
 
     def __post_init__(self) -> None:

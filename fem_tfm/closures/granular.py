@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from fem_tfm.closures.base import Closure, register
-from fem_tfm.materials import Solids
 from fem_tfm.closures.ops import Value, sqrt, where_greater
+from fem_tfm.materials import Solids
 
 _SQRT_PI = math.sqrt(math.pi)
 _TINY_THETA = 1e-16

@@ -20,8 +20,8 @@ from dolfinx.mesh import exterior_facet_indices
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fem_tfm.closures.heat_flux import HeatFlux
-from fem_tfm.closures.wall_functions import ThermalWall
+from fem_tfm.closures.turbulence.heat_flux import HeatFlux
+from fem_tfm.closures.walls.functions import ThermalWall
 from fem_tfm.errors import SolverError
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.duct_section import DuctSection

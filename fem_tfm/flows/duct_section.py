@@ -18,8 +18,8 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import compute_midpoints
 
-from fem_tfm.closures.reynolds_stress import ReynoldsStress, Wall
-from fem_tfm.closures.wall_functions import WallFunction
+from fem_tfm.closures.turbulence.reynolds_stress import ReynoldsStress, Wall
+from fem_tfm.closures.walls.functions import WallFunction
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.discretisation import Discretisation
 from fem_tfm.mesh import DuctGeometry, Mesh

@@ -21,9 +21,9 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fem_tfm.closures.base import Closure
-from fem_tfm.materials import Gas, Solids
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.discretisation import Discretisation
+from fem_tfm.materials import Gas, Solids
 from fem_tfm.mesh import Mesh
 from fem_tfm.models.axis import Axis, DevelopedAxis
 from fem_tfm.models.two_fluid import ClosureSet, Domain, Numerics, State, TwoFluid

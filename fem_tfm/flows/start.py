@@ -9,7 +9,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from fem_tfm.closures.turbulence import nikuradse
+from fem_tfm.closures.turbulence.gas import nikuradse
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.discretisation import Discretisation
 from fem_tfm.flows.section import Section

@@ -22,8 +22,8 @@ from typing import Any
 import ufl
 from ufl.core.expr import Expr
 
-from fem_tfm.closures.heat_flux import HeatFlux
-from fem_tfm.closures.wall_functions import ThermalWall
+from fem_tfm.closures.turbulence.heat_flux import HeatFlux
+from fem_tfm.closures.walls.functions import ThermalWall
 from fem_tfm.models.reynolds_stress import GasState, ReynoldsStressModel
 
 

@@ -31,9 +31,9 @@ from typing import Any
 import ufl
 from ufl.core.expr import Expr
 
-from fem_tfm.closures.reynolds_stress import ReynoldsStress, Wall, production
-from fem_tfm.closures.tensors import symmetric, trace
-from fem_tfm.closures.wall_functions import WallFunction
+from fem_tfm.closures.ops import symmetric, trace
+from fem_tfm.closures.turbulence.reynolds_stress import ReynoldsStress, Wall, production
+from fem_tfm.closures.walls.functions import WallFunction
 from fem_tfm.models.axis import Axis
 
 # unit vector downstream, and the projection on the section

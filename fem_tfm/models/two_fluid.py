@@ -31,11 +31,12 @@ import ufl
 from ufl.core.expr import Expr
 
 from fem_tfm.closures.base import Closure
-from fem_tfm.closures.dispersed import GasEddies, Grains
 from fem_tfm.closures.granular import Kinetic, algebraic_theta
+from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
+from fem_tfm.closures.turbulence.gas import Balance, Eddies, realizable_slope
+from fem_tfm.closures.walls.gas import GasWallState
+from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.materials import Gas, Solids
-from fem_tfm.closures.turbulence import Balance, Eddies, realizable_slope
-from fem_tfm.closures.walls import GasWallState, WallState
 from fem_tfm.models.axis import Axis
 
 

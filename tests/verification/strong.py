@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.materials import Gas, Solids
-from fem_tfm.closures.walls import WallState
 from fem_tfm.models.two_fluid import ClosureSet, Numerics
 
 STEP = 1e-2

@@ -15,9 +15,9 @@ from dolfinx import fem
 from dolfinx.mesh import CellType
 
 from fem_tfm.closures import make
-from fem_tfm.materials import Gas, Solids
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.dense import setup_of
+from fem_tfm.materials import Gas, Solids
 from fem_tfm.models.axis import DevelopedAxis
 from fem_tfm.models.two_fluid import State, TwoFluid
 from fem_tfm.solvers.newton import Block, BorderedNewton

@@ -16,8 +16,9 @@ import numpy as np
 
 from fem_tfm.case import Case
 from fem_tfm.closures.granular import Kinetic, algebraic_theta
-from fem_tfm.closures.turbulence import Eddies, realizable_slope
-from fem_tfm.closures.walls import GasWallState, WallState
+from fem_tfm.closures.turbulence.gas import Eddies, realizable_slope
+from fem_tfm.closures.walls.gas import GasWallState
+from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.models.unsteady.state import (
     LONELY_FRACTION,
     SMALLEST_FRACTION,

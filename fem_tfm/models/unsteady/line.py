@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from fem_tfm.case import Case
-from fem_tfm.closures.walls import GasWall
+from fem_tfm.closures.walls.gas import GasWall
 from fem_tfm.correlations import power_law
 from fem_tfm.mesh import Mesh
 from fem_tfm.solvers.cells import Array, Cells

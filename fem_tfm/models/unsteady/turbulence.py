@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 
 from fem_tfm.case import Case
-from fem_tfm.closures.dispersed import GasEddies, Grains
-from fem_tfm.closures.turbulence import Balance, Eddies
+from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
+from fem_tfm.closures.turbulence.gas import Balance, Eddies
 from fem_tfm.models.unsteady.compression import Compressed
 from fem_tfm.models.unsteady.laws import CellLaws
 from fem_tfm.models.unsteady.levels import Levels

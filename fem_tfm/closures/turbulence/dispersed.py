@@ -23,10 +23,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from fem_tfm.closures.base import Closure, parameter, register
-from fem_tfm.closures.k_epsilon import realizable_c_mu, realizable_growth, scales
-from fem_tfm.materials import Solids
 from fem_tfm.closures.ops import Value, sqrt
-from fem_tfm.closures.turbulence import Balance, Eddies
+from fem_tfm.closures.turbulence.gas import Balance, Eddies
+from fem_tfm.closures.turbulence.k_epsilon import realizable_c_mu, realizable_growth, scales
+from fem_tfm.materials import Solids
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from fem_tfm.closures.base import Closure, parameter, register
-from fem_tfm.materials import Gas
 from fem_tfm.closures.ops import Value, acos, cos, exp, maximum, safe_pow
+from fem_tfm.materials import Gas
 
 _TINY_RE = 1e-4
 _KINK = 1e-3

@@ -27,13 +27,15 @@ import numpy as np
 from scipy.optimize import fsolve
 
 from fem_tfm.closures.base import Closure, parameter, register
-from fem_tfm.closures.ops import Value, safe_pow, sqrt
-from fem_tfm.closures.tensors import (
+from fem_tfm.closures.ops import (
     Tensor,
+    Value,
     deviator,
     dot,
     identity,
     outer,
+    safe_pow,
+    sqrt,
     symmetric,
     trace,
     transpose,

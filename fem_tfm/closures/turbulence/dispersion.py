@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from fem_tfm.closures.base import Closure, parameter, register
-from fem_tfm.closures.dispersed import GasEddies, Grains, eddy_time, relaxation_time
 from fem_tfm.closures.ops import Value
+from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains, eddy_time, relaxation_time
 
 
 class Dispersion(Closure):

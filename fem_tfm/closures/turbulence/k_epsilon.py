@@ -32,7 +32,7 @@ from typing import ClassVar
 
 from fem_tfm.closures.base import parameter, register
 from fem_tfm.closures.ops import Value, exp, ln, positive_part, softplus, sqrt, tanh
-from fem_tfm.closures.turbulence import Balance, Eddies, Turbulence, nikuradse
+from fem_tfm.closures.turbulence.gas import Balance, Eddies, Turbulence, nikuradse
 
 C_MU = 0.09
 # slope of Nikuradse's mixing length at the wall

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from fem_tfm.closures.base import Closure, parameter, register
-from fem_tfm.closures.ops import Value
-from fem_tfm.closures.reynolds_stress import Wall
-from fem_tfm.closures.tensors import Tensor, dot
+from fem_tfm.closures.ops import Tensor, Value, dot
+from fem_tfm.closures.turbulence.reynolds_stress import Wall
 
 
 class HeatFlux(Closure):
