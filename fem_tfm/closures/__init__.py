@@ -8,9 +8,27 @@ its laws by itself. The functions below look them up by family and name.
 import importlib
 import pkgutil
 
-from fem_tfm.closures.base import Closure, catalogue, families, make, names, parameter, register
+from fem_tfm.closures.base import (
+    Closure,
+    catalogue,
+    every_law,
+    families,
+    make,
+    names,
+    parameter,
+    register,
+)
 
 for _module in pkgutil.walk_packages(__path__, __name__ + "."):
     importlib.import_module(_module.name)
 
-__all__ = ["Closure", "catalogue", "families", "make", "names", "parameter", "register"]
+__all__ = [
+    "Closure",
+    "catalogue",
+    "every_law",
+    "families",
+    "make",
+    "names",
+    "parameter",
+    "register",
+]

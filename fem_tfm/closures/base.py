@@ -81,6 +81,11 @@ def families() -> list[str]:
     return sorted(_REGISTRY)
 
 
+def every_law() -> list[type[Closure]]:
+    """Classes of all laws, by family and name."""
+    return [_laws(family)[name] for family in families() for name in names(family)]
+
+
 def names(family: str) -> list[str]:
     """Names of the laws of a family, sorted.
 

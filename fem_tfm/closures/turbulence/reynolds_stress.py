@@ -78,7 +78,7 @@ def production(stress: Tensor, gradient: Tensor) -> Tensor:
     return -(work + transpose(work))
 
 
-class ReynoldsStress(Closure):
+class StressLaw(Closure):
     """Interface of the Reynolds stresses.
 
     transported : whether R_ij is an unknown; else it is that of an eddy viscosity
@@ -96,7 +96,7 @@ class ReynoldsStress(Closure):
 
 
 @dataclass(frozen=True)
-class Transported(ReynoldsStress):
+class Transported(StressLaw):
     """What the laws with a transport equation for each stress share."""
 
     @abstractmethod
@@ -284,7 +284,7 @@ class SSG(Transported):
 
 @register("reynolds-stress", "k-epsilon")
 @dataclass(frozen=True)
-class StandardKEpsilon(ReynoldsStress):
+class EddyViscosity(StressLaw):
     """Standard k-epsilon: stresses of an eddy viscosity, without secondary flow in a straight duct.
 
         R = 2/3 k delta - nu_t (L_ij + L_ji),   nu_t = C_mu k^2/eps

@@ -127,7 +127,7 @@ class Schneiderbauer(SolidsWall):
 
 @register("solids-wall", "johnson-jackson")
 @dataclass(frozen=True)
-class JohnsonJackson(SolidsWall):
+class JohnsonJacksonWall(SolidsWall):
     """Johnson-Jackson partial slip with its flux of granular energy.
 
         c    = (pi/6) sqrt(3 Theta) psi (a/a_max) rho_s g0 + p_f tan(delta)/u
