@@ -10,7 +10,7 @@ from typing import Any
 from fem_tfm.geometry.shapes import Shape
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Kind:
     """One kind of scene: a way to solve, and a model that it can solve.
 

@@ -46,7 +46,7 @@ class Setting:
     out: Path | None = None
     progress: Progress = field(default_factory=lambda: Progress(quiet=True))
     resume: bool = False
-    comm: MPI.Comm = MPI.COMM_WORLD
+    comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_WORLD)
 
 
 class Recorder:

@@ -287,9 +287,7 @@ class Answer:
             self.state = None
 
 
-def _drive(
-    scene: Scene, recorder: Recorder, previous: Answer | None
-) -> tuple[Result, Answer]:
+def _drive(scene: Scene, recorder: Recorder, previous: Answer | None) -> tuple[Result, Answer]:
     """Solve a scene and write its results."""
     try:
         answer = scene.solve(recorder, previous)

@@ -1,0 +1,1 @@
+Inflow = Report = UnsteadyFlow = UnsteadyProblem = object
