@@ -31,7 +31,7 @@ from fem_tfm.solvers.pseudo_time import PseudoTimeControl
 
 # coarsest mesh of the nested iteration, core cell over the hydraulic diameter
 COARSEST = 0.25
-# regularisations in units of U_g and D; their effect on the pressure gradient is in docs/dense_section.md
+# regularisations in units of U_g and D; docs/dense_section.md has their effect on the gradient
 ALPHA_DIFFUSION, SLIP_FLOOR, SHEAR_FLOOR, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 1e-4, 1e-3, 0.1, 1e-8
 WALL_PENALTY, SMOOTHING, SMALLEST_RATE, K_FLOOR = 200.0, 0.05, 1e-4, 2.5e-4
 # a state that breaks a balance by more is no answer
@@ -111,7 +111,7 @@ def setup_of(scene: Any) -> Setup:
 
 def step_control(section: TwoFluidSection, tolerance: float, max_steps: int) -> PseudoTimeControl:
     """Pseudo-time steps scaled by the residence time D/U_g."""
-    unit = section.mesh.geometry.hydraulic_diameter / section.setup.gas_velocity
+    unit = section.mesh.section.hydraulic_diameter / section.setup.gas_velocity
     return PseudoTimeControl(
         first=FIRST_STEP * unit,
         smallest=SMALLEST_STEP * unit,
@@ -373,7 +373,7 @@ def write_section(scene: Any, section: TwoFluidSection, result: Result, out: Pat
 
     def draw() -> None:
         view = SectionView.of_cells(
-            moment.points, moment.cells, moment.kind, section.mesh.geometry.symmetry
+            moment.points, moment.cells, moment.kind, section.mesh.section.symmetry
         )
         values = dict(moment.nodal)
         if "theta" in values:

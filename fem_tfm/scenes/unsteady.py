@@ -19,7 +19,8 @@ from mpi4py import MPI
 
 from fem_tfm import signals
 from fem_tfm.errors import InputError
-from fem_tfm.geometry.mesh import axial_layers, line_cells, line_mesh
+from fem_tfm.geometry.gmsh import GmshModel
+from fem_tfm.geometry.mesh import Mesh, axial_layers, line_cells, line_mesh, line_model
 from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.section import Section
 from fem_tfm.geometry.shapes import Bend, Duct, Pipe
@@ -217,7 +218,11 @@ class Unsteady(Scene):
         """What a run tells and keeps while it works."""
         return FlowRecorder(self, setting or Setting())
 
-    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Any:
+    def mesh_model(self) -> GmshModel:
+        """The mesh as Gmsh makes it."""
+        return line_model(*self.physics.line)
+
+    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
         """The mesh of the whole line."""
         return line_mesh(*self.physics.line, comm)
 

@@ -30,7 +30,6 @@ from typing import Any
 import ufl
 from ufl.core.expr import Expr
 
-from fem_tfm.closures.base import Closure
 from fem_tfm.closures.granular import Kinetic, algebraic_theta
 from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
 from fem_tfm.closures.turbulence.gas import Balance, Eddies, realizable_slope
@@ -38,31 +37,7 @@ from fem_tfm.closures.walls.gas import GasWallState
 from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.materials import Gas, Solids
 from fem_tfm.models.axis import Axis
-
-
-@dataclass(frozen=True)
-class ClosureSet:
-    """One closure of each family; `theta` is "transport" or "algebraic"."""
-
-    drag: Closure
-    radial: Closure
-    granular: Closure
-    friction: Closure
-    turbulence: Closure
-    gas_wall: Closure
-    solids_wall: Closure
-    dispersed: Closure
-    dispersion: Closure
-    theta: str = "transport"
-    friction_feeds_theta: bool = False
-
-    def bound(self, wrap: Callable[[float], Any]) -> ClosureSet:
-        """The same set with every parameter wrapped, so that a change recompiles nothing."""
-        names = (f.name for f in fields(self))
-        laws = {n: getattr(self, n) for n in names}
-        return replace(
-            self, **{n: c.bound(wrap) for n, c in laws.items() if isinstance(c, Closure)}
-        )
+from fem_tfm.models.two_fluid.model import TwoFluid
 
 
 @dataclass(frozen=True)
@@ -218,7 +193,7 @@ class TwoFluidForms:
         self,
         gas: Gas,
         solids: Solids | None,
-        closures: ClosureSet,
+        closures: TwoFluid,
         gravity: Any,
         numerics: Numerics,
         axis: Axis,

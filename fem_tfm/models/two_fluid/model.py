@@ -54,7 +54,8 @@ class Regularisation(Parameters):
 class TwoFluid(Parameters):
     """Gas and solids as two interpenetrating phases, or the gas alone without `solids`.
 
-    Each law is an object of `fem_tfm.laws`, its name, or a table { model = name, parameter = value }.
+    Each law is an object of `fem_tfm.laws`, its name, or a table
+    { model = name, parameter = value }.
     `turbulence = "realizable-4eq"` stands for two equations in each phase.
 
     Raises InputError for laws that do not fit each other.

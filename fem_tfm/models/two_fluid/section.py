@@ -111,7 +111,7 @@ class TwoFluidSection(section.Section):
     Attributes
     ----------
     source : Constant, uniform relative source of solids [1/s], zero in a steady state
-    mesh_terms, rougher : factors on the terms of the mesh, and a Rougher state where they are raised
+    mesh_terms, rougher : factors on the terms of the mesh, and a Rougher state if they are raised
     """
 
     setup: Setup
@@ -154,7 +154,7 @@ class TwoFluidSection(section.Section):
         x, n = ufl.SpatialCoordinate(mesh), ufl.FacetNormal(mesh)
         inverse = ufl.JacobianInverse(mesh)
         across = ufl.dot(inverse, n)
-        geometry = self.mesh.geometry
+        geometry = self.mesh.section
         return Domain(
             dx=self.dx,
             ds_wall=self.ds(self.mesh.tags["wall"]),
@@ -214,7 +214,7 @@ class TwoFluidSection(section.Section):
         """
         if self.develops:
             return [0.0]
-        setup, true_area = self.setup, self.mesh.geometry.meshed_area
+        setup, true_area = self.setup, self.mesh.section.meshed_area
         targets = [setup.gas_velocity * true_area]
         if setup.feed:
             kind, value = setup.feed

@@ -1,1 +1,0 @@
-Inflow = Report = UnsteadyFlow = UnsteadyProblem = object
