@@ -134,7 +134,7 @@ def mesh(options: argparse.Namespace) -> None:
     if Path(options.out).exists() and not options.overwrite:
         raise InputError("--out", options.out, "a new file, or --overwrite")
 
-    from fem_tfm.mesh import write_case_mesh
+    from fem_tfm.flows.case_geometry import write_case_mesh
 
     write_case_mesh(case, options.out)
     _say(f"mesh written to {options.out}")

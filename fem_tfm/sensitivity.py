@@ -21,8 +21,8 @@ from mpi4py import MPI
 from fem_tfm.case import Case
 from fem_tfm.errors import InputError
 from fem_tfm.flows import dense
+from fem_tfm.flows.case_geometry import geometry_of
 from fem_tfm.flows.section import Section, Setup
-from fem_tfm.mesh import geometry_of
 
 # step of the differences over the number itself
 STEP = 1e-4
@@ -103,7 +103,7 @@ def _slope(
 ) -> float:
     step = STEP * (abs(value) or 1.0)
     (low, before), (high, after) = (
-        _beside(case, key, value, sign * step, section.mesh.geometry) for sign in (-1, 1)
+        _beside(case, key, value, sign * step, section.mesh.section) for sign in (-1, 1)
     )
     defects, weights = [], []
     for setup in (before, after):

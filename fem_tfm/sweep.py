@@ -29,8 +29,8 @@ from mpi4py import MPI
 from fem_tfm.case import QUANTITIES, Case, known_keys
 from fem_tfm.errors import InputError, SolverError
 from fem_tfm.flows import dense, developed, developing, duct, duct_developing
+from fem_tfm.flows.case_geometry import geometry_of, resolution_of
 from fem_tfm.flows.section import Section
-from fem_tfm.mesh import geometry_of, resolution_of
 from fem_tfm.output.files import on_root, write_text
 
 TABLE, PICTURE = "sweep.csv", "sweep.png"
@@ -153,7 +153,7 @@ def chunks(route: Sequence[Point], jobs: int) -> list[list[Point]]:
 
 def mesh_key(case: Case) -> tuple[Any, ...]:
     """What the meshes of a case depend on."""
-    return geometry_of(case), tuple(dense.mesh_sizes(case)), str(resolution_of(case))
+    return geometry_of(case), resolution_of(case)
 
 
 def solve(

@@ -17,8 +17,8 @@ from mpi4py import MPI
 from fem_tfm import Case
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import describe, unsteady
+from fem_tfm.flows.case_geometry import line
 from fem_tfm.flows.unsteady import Stepped, feed_at, is_due, milestones, step_control
-from fem_tfm.mesh import line
 from fem_tfm.models.unsteady import Flow3D
 from fem_tfm.output import checkpoint
 from fem_tfm.output.result import Result

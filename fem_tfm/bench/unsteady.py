@@ -14,10 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 
 from fem_tfm.bench import error
 from fem_tfm.case import Case
-from fem_tfm.mesh import PipeGeometry, extruded
+from fem_tfm.geometry.mesh import extruded_mesh
+from fem_tfm.geometry.resolution import Resolution
+from fem_tfm.geometry.section import RoundSection
 from fem_tfm.models.unsteady import Feed, Flow3D
 
 DEMO = {
@@ -58,8 +61,10 @@ class Cost:
 def filled(level: int, layers: int) -> Flow3D:
     """The pipe about to be filled: hardly any grains, both phases at the speed of the feed."""
     case = Case.from_dict(DEMO)
-    geometry = PipeGeometry(case.geometry.diameter, "none")
-    mesh = extruded(geometry, case.geometry.length, layers, level, cells="quadrilateral", order=1)
+    section = RoundSection(case.geometry.diameter, "none")
+    resolution = Resolution(level, cells="quadrilateral")
+    length = case.geometry.length
+    mesh = extruded_mesh(section, resolution, length, layers, MPI.COMM_WORLD, order=1)
     flow = Flow3D(case, mesh)
     flow.start(1e-8)
     flow.move(np.array([0.0, 0.0, 6.09]), np.array([0.0, 0.0, 6.43]))

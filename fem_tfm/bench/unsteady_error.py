@@ -22,7 +22,7 @@ from mpi4py import MPI
 from fem_tfm.bench.error import tell
 from fem_tfm.case import Case
 from fem_tfm.flows import developing, unsteady
-from fem_tfm.mesh import line
+from fem_tfm.flows.case_geometry import line
 from fem_tfm.models.unsteady import Flow3D
 from fem_tfm.output.files import on_root, replaced
 from fem_tfm.solvers.time_stepping import TimeStepping

@@ -13,10 +13,11 @@ from mpi4py import MPI
 from fem_tfm.case import Case
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import developed
+from fem_tfm.flows.case_geometry import geometry_of, resolution_of
 from fem_tfm.flows.driver import Answer, Scene
 from fem_tfm.flows.section import Section, Setup
 from fem_tfm.flows.section_recorder import SectionRecorder
-from fem_tfm.mesh import geometry_of, resolution_of, section
+from fem_tfm.geometry.mesh import section_mesh
 from fem_tfm.models.two_fluid import ClosureSet, Numerics
 from fem_tfm.output.fields import FieldWriter, snapshot
 from fem_tfm.output.files import on_root
@@ -85,24 +86,14 @@ def setup_of(case: Case) -> Setup:
 
 def mesh_sizes(case: Case) -> list[float]:
     """Core cell sizes of the nested iteration, coarse to fine, each half the one before [m]."""
-    geometry, given = geometry_of(case), case.numerics
-    size = given.mesh_size or geometry.level_size / 2 ** ((given.level - 1) / 2)
-    sizes = [size]
-    while sizes[0] * 2 <= COARSEST * geometry.hydraulic_diameter * 1.001:
-        sizes.insert(0, sizes[0] * 2)
-    return sizes
+    return resolution_of(case).nested_sizes(geometry_of(case), COARSEST)
 
 
 def meshes(case: Case, comm: MPI.Comm = MPI.COMM_WORLD) -> list[Any]:
     """Makers of the meshes of the nested iteration."""
-    make = partial(section, geometry_of(case), comm=comm, **_resolution(case))
-    return [partial(make, size=size) for size in mesh_sizes(case)]
-
-
-def _resolution(case: Case) -> dict[str, Any]:
-    """Shape and grading of the cells, without their size."""
-    given = resolution_of(case)
-    return {key: given[key] for key in ("wall_ratio", "cells")}
+    part = geometry_of(case)
+    levels = resolution_of(case).nested(part, COARSEST)
+    return [partial(section_mesh, part, level, comm) for level in levels]
 
 
 # -- quantities --------------------------------------------------------------------------------
@@ -117,7 +108,7 @@ def pressure_gradient(section: Section) -> float:
 def quantities(section: Section, length: float) -> dict[str, float]:
     """Numbers of a developed section, in the units of `case.QUANTITIES`; whole section."""
     model, state, setup = section.model, section.state(section.now), section.setup
-    alpha, whole = model.alpha(state), section.mesh.geometry.area_factor
+    alpha, whole = model.alpha(state), section.mesh.section.area_factor
     gradient = pressure_gradient(section)
     gas = section.integral("gas flux", (1 - alpha) * state.u_g[2])
     found = {
@@ -193,7 +184,7 @@ def balances(section: Section) -> dict[str, float]:
     scale = max(abs(drive), abs(weight), abs(force))
     found = {"gas_mass": errors[0], "axial_momentum": abs(drive + weight - force) / scale}
     if setup.solids is not None:
-        turnover = section.mesh.geometry.hydraulic_diameter / setup.gas_velocity
+        turnover = section.mesh.section.hydraulic_diameter / setup.gas_velocity
         found["solids_mass"] = max(errors[1], abs(float(section.source.value)) * turnover)
     return found
 
@@ -368,7 +359,7 @@ def write_section(case: Case, section: Section, result: Result, out: Path | None
 
     def draw() -> None:
         view = SectionView.of_cells(
-            moment.points, moment.cells, moment.kind, section.mesh.geometry.symmetry
+            moment.points, moment.cells, moment.kind, section.mesh.section.symmetry
         )
         values = dict(moment.nodal)
         if "theta" in values:
@@ -424,7 +415,7 @@ def describe(case: Case) -> dict[str, Any]:
 
 def size_of(case: Case) -> tuple[int, int]:
     """Cells of the finest mesh, and about how many unknowns."""
-    mesh = section(geometry_of(case), size=mesh_sizes(case)[-1], **_resolution(case))
+    mesh = meshes(case)[-1]()
     per_cell = UNKNOWNS_PER_CELL if case.solids else GAS_UNKNOWNS_PER_CELL
     scales = transported_scales(case) * UNKNOWNS_PER_SCALE
     return mesh.num_cells, round(mesh.num_cells * (per_cell + scales))

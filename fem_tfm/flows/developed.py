@@ -17,7 +17,7 @@ from typing import Any
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import easing, start
 from fem_tfm.flows.section import MeshTerms, Section, Setup, between
-from fem_tfm.mesh import Mesh
+from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.solvers.pseudo_time import History, PseudoTime, StepControl
 
 # in units of the residence time D/U_g
@@ -227,7 +227,7 @@ def solve(
         began = time.perf_counter()
         section = built.get(i) or scheme.section(meshes[i](), setup, observer.compiling)
         compiled, cpu = time.perf_counter() - began, time.process_time()
-        width = section.mesh.geometry.hydraulic_diameter
+        width = section.mesh.section.hydraulic_diameter
         control = scheme.control(setup, width, tolerance, max_steps)
         if i < len(meshes) - 2:
             control = replace(control, tolerance=max(tolerance, COARSE_TOLERANCE))
@@ -275,7 +275,7 @@ def resolve(
         section.update(setup)
         if coarser is not None:
             start.follow(section, *coarser)
-        length = section.mesh.geometry.hydraulic_diameter
+        length = section.mesh.section.hydraulic_diameter
         enough = max(tolerance, GUIDE_TOLERANCE) if old is not solution.levels[-1] else tolerance
         control = step_control(setup, length, enough, max_steps)
         # only here do the factors at hand belong to a solved neighbour

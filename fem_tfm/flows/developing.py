@@ -279,7 +279,7 @@ class Line:
             "gas_mass_flow": found["gas_mass_flow"],
             "max_gas_velocity": self._axial("u_g", max),
         }
-        whole = station.mesh.geometry.area_factor * station.area
+        whole = station.mesh.section.area_factor * station.area
         row["gas_velocity"] = found["gas_mass_flow"] / (station.setup.gas.density * whole)
         if station.setup.solids is None:
             return row

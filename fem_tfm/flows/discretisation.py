@@ -13,7 +13,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from fem_tfm.fenics import compile_form
-from fem_tfm.mesh import Mesh
+from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.solvers.newton import Border
 
 

@@ -18,12 +18,14 @@ from fem_tfm.case import Case
 from fem_tfm.correlations import gnielinski, jones_friction, smooth_friction
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import developed, duct_start
+from fem_tfm.flows.case_geometry import geometry_of, resolution_of
 from fem_tfm.flows.driver import Answer, Scene
 from fem_tfm.flows.duct_heat import DuctHeat
 from fem_tfm.flows.duct_section import DuctSection, DuctSetup
 from fem_tfm.flows.section_recorder import SectionRecorder
+from fem_tfm.geometry.mesh import section_mesh
+from fem_tfm.geometry.section import RectangularSection
 from fem_tfm.interpolation import point_values
-from fem_tfm.mesh import DuctGeometry, geometry_of, resolution_of, section
 from fem_tfm.models.reynolds_stress import GasNumbers
 from fem_tfm.output.duct_pictures import duct_picture, lines_picture
 from fem_tfm.output.fields import FieldWriter, snapshot
@@ -81,19 +83,14 @@ SCHEME = developed.Scheme(DuctSection, duct_start.cold, duct_start.warm, step_co
 
 def mesh_sizes(case: Case) -> list[float]:
     """Core cell sizes of the nested iteration, coarse to fine, each half the one before [m]."""
-    geometry, given = geometry_of(case), case.numerics
-    size = given.mesh_size or geometry.level_size / 2 ** ((given.level - 1) / 2)
-    sizes = [size]
-    while sizes[0] * 2 <= COARSEST * geometry.hydraulic_diameter:
-        sizes.insert(0, sizes[0] * 2)
-    return sizes
+    return resolution_of(case).nested_sizes(geometry_of(case), COARSEST)
 
 
 def meshes(case: Case, comm: MPI.Comm = MPI.COMM_WORLD) -> list[Any]:
     """Makers of the meshes of the nested iteration."""
-    given = {key: resolution_of(case)[key] for key in ("wall_ratio", "cells")}
-    make = partial(section, geometry_of(case), comm=comm, **given)
-    return [partial(make, size=size) for size in mesh_sizes(case)]
+    part = geometry_of(case)
+    levels = resolution_of(case).nested(part, COARSEST)
+    return [partial(section_mesh, part, level, comm) for level in levels]
 
 
 def solve(
@@ -157,16 +154,16 @@ def secondary(found: DuctSection) -> float:
 
 def corner(found: DuctSection) -> tuple[float, float]:
     """Furthest point of the mesh along x and y [m]."""
-    geometry = found.mesh.geometry
+    geometry = found.mesh.section
     offset = float(found.setup.numbers.wall_offset)
-    if isinstance(geometry, DuctGeometry):
+    if isinstance(geometry, RectangularSection):
         return geometry.width / 2 - offset, geometry.height / 2 - offset
     return geometry.radius - offset, 0.0
 
 
 def quantities(found: DuctSection, density: float, length: float) -> dict[str, float]:
     """Numbers of a developed section, in the units of `case.QUANTITIES`; whole section."""
-    setup, geometry = found.setup, found.mesh.geometry
+    setup, geometry = found.setup, found.mesh.section
     width, speed = geometry.hydraulic_diameter, setup.velocity
     gradient = density * found.pressure_gradient
     u_tau = math.sqrt(found.pressure_gradient * width / 4)
@@ -182,7 +179,7 @@ def quantities(found: DuctSection, density: float, length: float) -> dict[str, f
         "smallest_stress": smallest_stress(found),
         "wall_distance_plus": float(setup.numbers.wall_offset) * u_tau / setup.numbers.viscosity,
     }
-    if isinstance(geometry, DuctGeometry):
+    if isinstance(geometry, RectangularSection):
         outward = lines["diagonal outward/U"]
         told["secondary_velocity_diagonal"] = float(outward[np.abs(outward).argmax()])
         told["corner_wall_shear"] = float(lines["wall shear/mean"][-1])
@@ -196,7 +193,7 @@ def profiles(found: DuctSection) -> dict[str, NDArray[np.float64]]:
     (diagonal) or from the bisector to the corner (wall, at the top). Velocities over U, stresses
     over u_tau^2 = G D_h/(4 rho), wall shear over its mean.
     """
-    setup, geometry = found.setup, found.mesh.geometry
+    setup, geometry = found.setup, found.mesh.section
     u_tau2 = found.pressure_gradient * geometry.hydraulic_diameter / 4
     s = np.linspace(0.0, 1.0, LINE_POINTS)
     across, up = corner(found)
@@ -215,7 +212,7 @@ def profiles(found: DuctSection) -> dict[str, NDArray[np.float64]]:
         "bisector (R_yy - R_xx)/u_tau2": (r[:, 4] - r[:, 0]) / u_tau2,
         "bisector R_xz/u_tau2": r[:, 2] / u_tau2,
     }
-    if not isinstance(geometry, DuctGeometry):
+    if not isinstance(geometry, RectangularSection):
         return columns
     u, k, r = at(s * across, s * up)
     direction = np.array([across, up]) / math.hypot(across, up)
@@ -269,13 +266,13 @@ def checked_balances(found: DuctSection) -> dict[str, float]:
 def references(case: Case) -> dict[str, list[Reference]]:
     """Published values that belong to a case's Reynolds number and section."""
     reynolds, geometry = case.reynolds, geometry_of(case)
-    if isinstance(geometry, DuctGeometry):
+    if isinstance(geometry, RectangularSection):
         friction = jones_friction(reynolds, geometry.width, geometry.height)
         source = "smooth rectangular duct, Jones (1976), J. Fluids Eng. 98"
     else:
         friction, source = smooth_friction(reynolds), "smooth pipe, Prandtl and von Karman"
     known = {"friction_factor": [Reference(friction, source)]}
-    if isinstance(geometry, DuctGeometry) and geometry.width == geometry.height:
+    if isinstance(geometry, RectangularSection) and geometry.width == geometry.height:
         known["secondary_velocity_max"] = [
             Reference(0.019, "DNS at Re 4410, Gavrilakis (1992), J. Fluid Mech. 244"),
             Reference(0.015, "middle of 1 to 2 %, Pirozzoli et al. (2018), J. Fluid Mech. 840"),
@@ -412,7 +409,7 @@ def points(found: DuctSection) -> dict[str, NDArray[np.float64]]:
     s = np.linspace(0.0, 1.0, LINE_POINTS) * (1 - INSIDE)
     across, up = corner(found)
     lines = {"bisector": np.column_stack([s * across, 0 * s])}
-    if isinstance(found.mesh.geometry, DuctGeometry):
+    if isinstance(found.mesh.section, RectangularSection):
         lines["diagonal"] = np.column_stack([s * across, s * up])
     return lines
 
@@ -459,7 +456,7 @@ def write_section(
             writer.write(0.0, chosen_fields(case, fields))
 
     def draw() -> None:
-        symmetry = found.mesh.geometry.symmetry
+        symmetry = found.mesh.section.symmetry
         view = SectionView.of_cells(moment.points, moment.cells, moment.kind, symmetry)
         write_profiles(out / "profiles.csv", lines, {"s": "-"})
         if case.output.pictures:

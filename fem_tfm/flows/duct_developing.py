@@ -137,7 +137,7 @@ class DuctLine(developing.Line):
     def _row(self) -> dict[str, float]:
         """One row of axis.csv."""
         station, inlet = self.station, not self.rows
-        setup, geometry = station.setup, station.mesh.geometry
+        setup, geometry = station.setup, station.mesh.section
         width, speed, drive = geometry.hydraulic_diameter, setup.velocity, station.pressure_gradient
         transported = setup.law.transported
         sampled = [station.unknown(name) for name in ("u", "r" if transported else "q")]

@@ -22,7 +22,8 @@ from fem_tfm.closures.turbulence.reynolds_stress import ReynoldsStress, Wall
 from fem_tfm.closures.walls.functions import WallFunction
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.discretisation import Discretisation
-from fem_tfm.mesh import DuctGeometry, Mesh
+from fem_tfm.geometry.mesh import Mesh
+from fem_tfm.geometry.section import RectangularSection
 from fem_tfm.models.axis import Axis, DevelopedAxis, DevelopingAxis
 from fem_tfm.models.reynolds_stress import (
     GasDomain,
@@ -142,8 +143,8 @@ class DuctSection(Discretisation):
 
     def _walls(self, x: Any) -> list[Wall]:
         """The nearest wall of each direction: sides of a duct, or the wall of a pipe."""
-        geometry = self.mesh.geometry
-        if isinstance(geometry, DuctGeometry):
+        geometry = self.mesh.section
+        if isinstance(geometry, RectangularSection):
             half = self._constant(geometry.width / 2), self._constant(geometry.height / 2)
             units = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
             return [
@@ -157,7 +158,7 @@ class DuctSection(Discretisation):
     def boundary_conditions(self) -> list[fem.DirichletBC]:
         """Nothing flows through walls and planes of symmetry, where shear stress vanishes too."""
         tags, bcs = self.mesh.tags, []
-        straight = isinstance(self.mesh.geometry, DuctGeometry)
+        straight = isinstance(self.mesh.section, RectangularSection)
         for tag, component in (("symmetry", 0), ("symmetry_x", 0), ("symmetry_y", 1)):
             if tag in tags:
                 facets = self.mesh.facets(tag)
@@ -175,7 +176,7 @@ class DuctSection(Discretisation):
 
     def _facing(self, facets: np.ndarray, component: int) -> np.ndarray:
         """Those facets of the wall of a duct whose normal is along x (0) or y (1)."""
-        geometry = self.mesh.geometry
+        geometry = self.mesh.section
         half = (geometry.width, geometry.height)[component] / 2 - geometry.wall_offset
         middle = compute_midpoints(self.mesh.mesh, 1, facets)
         return facets[np.abs(middle[:, component]) > half * (1 - ROUND_OFF)]
@@ -218,7 +219,7 @@ class DuctSection(Discretisation):
         return [self._border(self.drive, column, self._flux(), self._targets()[0])]
 
     def _targets(self) -> list[float]:
-        geometry = self.mesh.geometry
+        geometry = self.mesh.section
         return [self.setup.velocity * geometry.area / geometry.area_factor]
 
     def _blocks(self) -> list[Block]:
@@ -229,7 +230,7 @@ class DuctSection(Discretisation):
             "p": (stress,),
             "e": (1.0, 1.5),
             "r": (stress,),
-            "d": (SHEAR * speed / self.mesh.geometry.hydraulic_diameter,),
+            "d": (SHEAR * speed / self.mesh.section.hydraulic_diameter,),
             "q": (1.0, 1.0),
         }
         dofs = dict(zip(self.names, self._dofs, strict=True))

@@ -50,7 +50,7 @@ def enter(section: Section, inlet: Inlet) -> None:
     gas_velocity = section.setup.gas_velocity / (1 - alpha)
     _spread(section, "u_g", shape, gas_velocity)
     length = fem.Constant(
-        section.mesh.mesh, inlet.length_scale * section.mesh.geometry.hydraulic_diameter
+        section.mesh.mesh, inlet.length_scale * section.mesh.section.hydraulic_diameter
     )
     gas = gas_velocity, inlet.gas_intensity
     set_turbulence(section, length, gas, (inlet.solids_velocity, inlet.solids_intensity))
@@ -70,7 +70,7 @@ def _shape(section: Section, profile: str) -> fem.Function:
     shape = fem.Function(space)
     shape.x.array[:] = 1.0
     if profile == "power-law":
-        geometry = section.mesh.geometry
+        geometry = section.mesh.section
         distance = geometry.wall_distance(ufl.SpatialCoordinate(section.mesh.mesh))
         power = power_law(distance, geometry.hydraulic_diameter / 2)
         shape.interpolate(fem.Expression(power, space.element.interpolation_points))
@@ -87,4 +87,4 @@ def _spread(section: Section, name: str, shape: fem.Function, mean: float) -> No
         condition.set(x)
     section.now.x.scatter_forward()
     flux = section.integral(f"axial {name}", ufl.split(section.now)[number][2])
-    x[dofs] *= mean * section.mesh.geometry.meshed_area / flux
+    x[dofs] *= mean * section.mesh.section.meshed_area / flux

@@ -23,8 +23,8 @@ from petsc4py import PETSc
 from fem_tfm.closures.base import Closure
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.discretisation import Discretisation
+from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.materials import Gas, Solids
-from fem_tfm.mesh import Mesh
 from fem_tfm.models.axis import Axis, DevelopedAxis
 from fem_tfm.models.two_fluid import ClosureSet, Domain, Numerics, State, TwoFluid
 from fem_tfm.solvers.newton import Block, Border, BorderedNewton
@@ -207,7 +207,7 @@ class Section(Discretisation):
         across = ufl.dot(inverse, n)
         metadata = {"quadrature_degree": self.setup.quadrature_degree}
         ds = ufl.Measure("ds", mesh, subdomain_data=self.mesh.facet_tags, metadata=metadata)
-        geometry = self.mesh.geometry
+        geometry = self.mesh.section
         return Domain(
             dx=self.dx,
             ds_wall=ds(self.mesh.tags["wall"]),
@@ -289,7 +289,7 @@ class Section(Discretisation):
 
         Fluxes are those of the true section: the mesh's misses a sliver along a curved wall.
         """
-        setup, true_area = self.setup, self.mesh.geometry.meshed_area
+        setup, true_area = self.setup, self.mesh.section.meshed_area
         targets = [setup.gas_velocity * true_area]
         if setup.feed:
             kind, value = setup.feed

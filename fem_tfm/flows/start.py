@@ -25,7 +25,7 @@ GAS_INTENSITY, SOLIDS_INTENSITY = 0.1, 0.05
 def _profile(section: Section, laminar: bool) -> fem.Function:
     """Axial shape with mean one: parabola for a laminar flow, 1/7 power otherwise [-]."""
     space = fem.functionspace(section.mesh.mesh, ("Lagrange", 2))
-    geometry = section.mesh.geometry
+    geometry = section.mesh.section
     distance = geometry.wall_distance(ufl.SpatialCoordinate(section.mesh.mesh))
     s = distance / (geometry.hydraulic_diameter / 2)
     bounded = ufl.max_value(s, 0.01)

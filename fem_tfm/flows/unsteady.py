@@ -20,10 +20,10 @@ from mpi4py import MPI
 from fem_tfm import signals
 from fem_tfm.case import Case
 from fem_tfm.flows import dense
+from fem_tfm.flows.case_geometry import axial_layers, geometry_of, line, line_cells
 from fem_tfm.flows.driver import Answer, Scene
 from fem_tfm.flows.recorder import Recorder
 from fem_tfm.flows.samples import MEANS, Plane, Probes, Sections, Table, columns
-from fem_tfm.mesh import axial_layers, geometry_of, line, line_cells
 from fem_tfm.models.unsteady import Feed, Flow3D, Report
 from fem_tfm.output import checkpoint
 from fem_tfm.output.fields import FieldWriter

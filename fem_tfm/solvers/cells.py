@@ -27,7 +27,7 @@ from petsc4py import PETSc
 
 from fem_tfm.errors import SolverError
 from fem_tfm.fenics import compile_form
-from fem_tfm.mesh import Mesh
+from fem_tfm.geometry.mesh import Mesh
 
 type Array = npt.NDArray[np.float64]
 

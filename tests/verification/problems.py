@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,11 @@ from mpi4py import MPI
 
 from fem_tfm import Case
 from fem_tfm.fenics import compile_form
+from fem_tfm.flows.case_geometry import geometry_of, resolution_of
 from fem_tfm.flows.dense import setup_of
 from fem_tfm.flows.developed import solve_level, step_control
 from fem_tfm.flows.section import Section
-from fem_tfm.mesh import Mesh, geometry_of, resolution_of, section
+from fem_tfm.geometry.mesh import Mesh, section_mesh
 from fem_tfm.models.two_fluid import Domain, Numerics, State
 from fem_tfm.solvers.newton import BorderedNewton
 
@@ -33,9 +35,9 @@ def demo(changes: Mapping[str, Any] | None = None) -> Case:
 
 def mesh_of(case: Case, cell: float) -> Mesh:
     """Mesh of a case; `cell` is the core cell over the hydraulic diameter."""
-    geometry = geometry_of(case)
-    given = {key: resolution_of(case)[key] for key in ("wall_ratio", "cells")}
-    return section(geometry, size=cell * geometry.hydraulic_diameter, **given)
+    section = geometry_of(case)
+    resolution = replace(resolution_of(case), mesh_size=cell * section.hydraulic_diameter)
+    return section_mesh(section, resolution, MPI.COMM_WORLD)
 
 
 def section_of(case: Case, cell: float) -> Section:
@@ -46,7 +48,7 @@ def section_of(case: Case, cell: float) -> Section:
 def solved(case: Case, cell: float) -> Section:
     """Section of a case at its steady state."""
     found = section_of(case, cell)
-    width = found.mesh.geometry.hydraulic_diameter
+    width = found.mesh.section.hydraulic_diameter
     solve_level(found, step_control(found.setup, width, 1e-10, 200), None)
     return found
 

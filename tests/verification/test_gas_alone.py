@@ -9,11 +9,14 @@ from functools import partial
 from typing import Any
 
 import pytest
+from mpi4py import MPI
 from sections import drive, orders, prandtl_karman, quantities, solve
 
 from fem_tfm import Case
 from fem_tfm.flows import dense
-from fem_tfm.mesh import DuctGeometry, PipeGeometry, section
+from fem_tfm.geometry.mesh import section_mesh
+from fem_tfm.geometry.resolution import Resolution
+from fem_tfm.geometry.section import RectangularSection, RoundSection
 
 REYNOLDS = [2e4, 5e4, 1e5, 3e5, 1e6]
 VELOCITY, DENSITY, SIZE = 3.0, 1.2, 0.05
@@ -53,8 +56,8 @@ def square_duct_constant() -> float:
 @pytest.mark.parametrize(
     ("given", "geometry", "constant"),
     [
-        ({"diameter": SIZE}, PipeGeometry(SIZE), 64.0),
-        ({"shape": "duct", "width": SIZE}, DuctGeometry(SIZE, SIZE), square_duct_constant()),
+        ({"diameter": SIZE}, RoundSection(SIZE), 64.0),
+        ({"shape": "duct", "width": SIZE}, RectangularSection(SIZE, SIZE), square_duct_constant()),
     ],
     ids=["pipe", "square-duct"],
 )
@@ -64,7 +67,8 @@ def test_laminar_friction_and_its_order(
     """f Re = 64 (G = 32 mu U/D^2) and 56.91; P2 gives the flux at order 4."""
     errors = []
     for size in (SIZE / 4, SIZE / 8, SIZE / 16):
-        mesh = partial(section, geometry, size=size, wall_ratio=1.0)
+        resolution = Resolution(mesh_size=size, wall_grading=1.0)
+        mesh = partial(section_mesh, geometry, resolution, MPI.COMM_WORLD)
         gradient = drive(solve(laminar(given), meshes=[mesh]))
         errors.append(abs(darcy(gradient) * 500.0 / constant - 1))
     assert errors[-1] < 5e-5

@@ -25,11 +25,11 @@ from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
 from fem_tfm.closures.turbulence.gas import Eddies, realizable_slope
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows import dense, developed, start
+from fem_tfm.flows.case_geometry import resolution_of
 from fem_tfm.flows.dense import setup_of
 from fem_tfm.flows.section import Section
 from fem_tfm.interpolation import point_values
 from fem_tfm.materials import Gas, Solids
-from fem_tfm.mesh import resolution_of
 from fem_tfm.models.axis import DevelopedAxis
 from fem_tfm.models.two_fluid import State, TwoFluid
 
@@ -121,7 +121,7 @@ def wall_units(solution: Any, reynolds: float, lowest: float) -> tuple[np.ndarra
 def resolved(reynolds: float, factor: float = 1.0) -> Any:
     """Solution without a wall function; `factor` times the default distance on the same mesh."""
     case = gas_case(reynolds, closures={"turbulence": "k-epsilon"}, walls={"gas": "low-reynolds"})
-    ratio = resolution_of(case)["wall_ratio"]
+    ratio = resolution_of(case).wall_ratio
     changed = {"walls.distance": factor * case.wall_distance, "numerics.wall_grading": ratio}
     return solve(case.with_values(changed))
 
@@ -371,7 +371,7 @@ def test_grains_that_take_all_turbulence_of_a_bed() -> None:
     """
     case = stress.cases(turbulent=True)[140]
     found = Section(dense.meshes(case)[0](), setup_of(case))
-    width = found.mesh.geometry.hydraulic_diameter
+    width = found.mesh.section.hydraulic_diameter
     control = developed.step_control(found.setup, width, 1e-9, case.numerics.max_steps)
     history = developed.solve_level(found, control, None, scheme=developed.Scheme())
     assert history.update <= 1e-9

@@ -16,7 +16,7 @@ from test_unsteady_limits import UPRIGHT, G, drag_of, line, owned
 from test_unsteady_robustness import AXIS, CONVEYING, FEED, conveying, run
 
 from fem_tfm import Case
-from fem_tfm.mesh import line as line_of
+from fem_tfm.flows.case_geometry import line as line_of
 from fem_tfm.models.unsteady import Feed, Flow3D
 from fem_tfm.models.unsteady.levels import Levels, euler
 from fem_tfm.models.unsteady.state import SMALLEST_FRACTION, Stirred

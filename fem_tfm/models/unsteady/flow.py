@@ -12,7 +12,7 @@ from dolfinx import fem
 
 from fem_tfm.case import Case
 from fem_tfm.errors import SolverError
-from fem_tfm.mesh import Mesh
+from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.models.unsteady.agitation import Agitation
 from fem_tfm.models.unsteady.compression import IdealGas, Thickness, held
 from fem_tfm.models.unsteady.fraction import SolidsFraction
@@ -332,7 +332,7 @@ class Flow3D:
         entry, size = cells.first[self.line.inlet], cells.size[self.line.inlet]
         area = max(cells.total(size), 1e-300)
         drop = cells.total(now.p[entry] * size) / area
-        factor = self.mesh.geometry.area_factor
+        factor = self.mesh.section.area_factor
         leaving = cells.mean(now.alpha)[self.line.outlet] * now.carried[self.line.outlet]
         gas = now.total[self.line.outlet] - leaving
         gas = cells.total(gas * self.ideal.at_outlet if self.ideal else gas)

@@ -8,7 +8,7 @@ import numpy as np
 from fem_tfm.case import Case
 from fem_tfm.closures.walls.gas import GasWall
 from fem_tfm.correlations import power_law
-from fem_tfm.mesh import Mesh
+from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.solvers.cells import Array, Cells
 
 # differences below this share of a scale, for cells as wide as the line, are not limited
