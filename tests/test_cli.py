@@ -238,7 +238,7 @@ def test_help_names_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_mesh_writes_the_section_or_the_line(here: Path) -> None:
     line = ["solution='unsteady'", "numerics.end_time=1.0", "numerics.axial_cells=2"]
-    line.append("operation.solids_velocity=6.0")
+    line += ["operation.solids_velocity=6.0", "numerics.cells=quadrilateral"]
     coarse = ["good.toml", "--set", "numerics.level=1"]
     more = [text for setting in line for text in ("--set", setting)]
     assert main(["mesh", *coarse, "--out", "section.vtu"]) == 0
