@@ -12,7 +12,8 @@ from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
 from fem_tfm import Case
-from fem_tfm.mesh import DuctGeometry, Mesh
+from fem_tfm.geometry.mesh import Mesh
+from fem_tfm.geometry.section import RectangularSection
 from fem_tfm.models.finite_volume import UnsteadyFlow
 
 TAGS = {"inlet": 1, "outlet": 2, "wall": 3, "symmetry": 4}
@@ -57,14 +58,14 @@ def box(
     cell_tags = dmesh.meshtags(domain, 3, inside, np.ones(inside.size, dtype=np.int32))
     domain.geometry.x[:, 1] += math.tan(math.radians(shear_deg)) * domain.geometry.x[:, 2]
     used = {name: tag for name, tag in TAGS.items() if name[0] in parts}
-    geometry = DuctGeometry(lengths[0], lengths[1], "none")
+    section = RectangularSection(lengths[0], lengths[1], "none")
     size = lengths[0] / cells[0]
-    return Mesh(domain, cell_tags, facet_tags, used, geometry, size, lengths[2])
+    return Mesh(domain, cell_tags, facet_tags, used, section, size, lengths[2])
 
 
 def case(mesh: Mesh, changes: Mapping[str, Any] | None = None, alone: bool = False) -> Case:
     """Air and 1 mm grains, or air alone, in a box without friction at its walls."""
-    geometry = mesh.geometry
+    geometry = mesh.section
     values = {
         "geometry": {
             "shape": "duct",
