@@ -17,9 +17,9 @@ from mpi4py import MPI
 from fem_tfm import Case
 from fem_tfm.errors import SolverError
 from fem_tfm.flows import describe, unsteady
-from fem_tfm.flows.unsteady import Stepped, feed_at, is_due, milestones, step_control
+from fem_tfm.flows.unsteady import Stepped, inflow_at, is_due, milestones, step_control
 from fem_tfm.mesh import line
-from fem_tfm.models.unsteady import Flow3D
+from fem_tfm.models.finite_volume import UnsteadyFlow
 from fem_tfm.output import checkpoint
 from fem_tfm.output.result import Result
 
@@ -66,13 +66,13 @@ def test_what_enters_follows_its_schedule(dense: dict[str, Any]) -> None:
             "operation.outlet_blocked": [[2e-3, 3e-3]],
         },
     )
-    feed = feed_at(case, 5e-4)
+    feed = inflow_at(case, 5e-4)
     assert feed.gas_velocity == pytest.approx(0.5 * 6.43)
     assert (feed.solids_fraction, feed.solids_velocity) == (0.245, 6.09)
-    assert feed_at(case, 1.5e-3).solids_fraction == pytest.approx(0.5 * 0.245)
-    assert feed_at(case, 9.0).solids_fraction == 0.0
+    assert inflow_at(case, 1.5e-3).solids_fraction == pytest.approx(0.5 * 0.245)
+    assert inflow_at(case, 9.0).solids_fraction == 0.0
     # of the step that ends at that time
-    blocked = [feed_at(case, t).blocked for t in (2e-3, 2.5e-3, 3e-3, 3.1e-3)]
+    blocked = [inflow_at(case, t).blocked for t in (2e-3, 2.5e-3, 3e-3, 3.1e-3)]
     assert blocked == [False, True, True, False]
 
 
@@ -103,7 +103,7 @@ def test_steps_as_the_case_wants_them(dense: dict[str, Any]) -> None:
 def test_a_bed_lies_where_the_case_says(dense: dict[str, Any]) -> None:
     given = {"state": "bed", "bed_fraction": 0.5, "bed_height": 0.005, "bed_end": 0.015}
     case = case_of(dense, {f"initial.{key}": value for key, value in given.items()})
-    flow = Flow3D(case, line(case))
+    flow = UnsteadyFlow(case, line(case))
     unsteady.start(case, flow)
     _, y, z = flow.cells.centre.T
     inside = (y < 0) & (z < 0.015)
@@ -114,7 +114,7 @@ def test_a_bed_lies_where_the_case_says(dense: dict[str, Any]) -> None:
 
 def test_a_line_filled_with_what_enters_carries_its_flux(dense: dict[str, Any]) -> None:
     case = case_of(dense, {"initial.state": "inlet"})
-    flow = Flow3D(case, line(case))
+    flow = UnsteadyFlow(case, line(case))
     unsteady.start(case, flow)
     found = flow.quantities()
     assert found["holdup"] == pytest.approx(0.245)
@@ -125,13 +125,13 @@ def test_what_fills_a_bend_follows_its_axis(dense: dict[str, Any]) -> None:
     bend = {"shape": "bend", "diameter": 0.01, "length": 0.1, "bend_radius": 0.04}
     changes = {f"geometry.{key}": value for key, value in bend.items()}
     case = case_of(dense, {**changes, "initial.state": "inlet", "numerics.axial_cells": 20})
-    flow = Flow3D(case, line(case))
+    flow = UnsteadyFlow(case, line(case))
     unsteady.start(case, flow)
     assert np.linalg.norm(flow.now.u_s, axis=1) == pytest.approx(6.09)
     last = np.argmax(flow.mesh.straightened(flow.cells.centre)[:, 2])
     assert flow.now.u_s[last] == pytest.approx([0, 6.09, 0], abs=1e-9)
     # nothing is far from free of divergence
-    rate = np.abs(flow.cells.sum(flow.now.carried)) / flow.cells.volume[: flow.cells.owned]
+    rate = np.abs(flow.cells.net_flux(flow.now.solids_flux)) / flow.cells.volume[: flow.cells.owned]
     assert rate.max() < 0.3 * 6.09 / 0.005
 
 
@@ -255,15 +255,15 @@ def test_a_state_goes_on_with_another_number_of_ranks(
     MPI.COMM_WORLD.barrier()
     found = []
     for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
-        flow = Flow3D(case, line(case, comm))
+        flow = UnsteadyFlow(case, line(case, comm))
         flow.restore(merged(tmp_path, flow))
         for _ in range(5):
-            flow.advance(1e-4, feed_at(case, 1.0))
+            flow.advance(1e-4, inflow_at(case, 1.0))
         found.append(flow.quantities())
     assert found[0] == pytest.approx(found[1], rel=1e-4)
 
 
-def merged(out: Path, flow: Flow3D) -> dict[str, Any]:
+def merged(out: Path, flow: UnsteadyFlow) -> dict[str, Any]:
     """Values and numbers of a checkpoint."""
     values, numbers = checkpoint.load_cells(out, flow.mesh.mesh)
     return values | numbers
@@ -299,14 +299,14 @@ def test_a_step_that_never_succeeds_ends_the_run(
 ) -> None:
     """The state before it is kept, and the reason."""
     case = case_of(dense)
-    advance = Flow3D.advance
+    advance = UnsteadyFlow.advance
 
-    def failing(flow: Flow3D, dt: float, feed: Any) -> Any:
+    def failing(flow: UnsteadyFlow, dt: float, feed: Any) -> Any:
         if flow.time > 1.5e-3:
             raise SolverError("the solids fraction leaves its bounds")
         return advance(flow, dt, feed)
 
-    monkeypatch.setattr(Flow3D, "advance", failing)
+    monkeypatch.setattr(UnsteadyFlow, "advance", failing)
     with pytest.raises(SolverError, match=r"no step above 1e-09 s succeeds at 0\.001[5-9]"):
         case.run(tmp_path)
     result = Result.read(tmp_path)

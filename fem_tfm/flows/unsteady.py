@@ -2,7 +2,7 @@
 """The unsteady dense flow in three dimensions: from a case to its time series.
 
 What goes in over time, the state at the start, the steps, and what is told and kept while the flow
-runs. The flow itself is `models.unsteady.Flow3D`.
+runs. The flow itself is `models.finite_volume.UnsteadyFlow`.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from fem_tfm.flows.driver import Answer, Scene
 from fem_tfm.flows.recorder import Recorder
 from fem_tfm.flows.samples import MEANS, Plane, Probes, Sections, Table, columns
 from fem_tfm.mesh import axial_layers, geometry_of, line, line_cells
-from fem_tfm.models.unsteady import Feed, Flow3D, Report
+from fem_tfm.models.finite_volume import Inflow, StepReport, UnsteadyFlow
 from fem_tfm.output import checkpoint
 from fem_tfm.output.fields import FieldWriter
 from fem_tfm.output.files import on_root
@@ -50,15 +50,15 @@ UNKNOWNS, GAS_UNKNOWNS = 9, 4
 # -- from the case -----------------------------------------------------------------------------
 
 
-def feed_at(case: Case, time: float) -> Feed:
+def inflow_at(case: Case, time: float) -> Inflow:
     """What enters and leaves at a time [s]."""
     given = case.operation
     gas = given.gas_superficial_velocity * _factor(given.gas_schedule, time)
     blocked = any(begin < time <= end for begin, end in given.outlet_blocked)
     if case.solids is None:
-        return Feed(gas, blocked=blocked)
+        return Inflow(gas, blocked=blocked)
     fraction, speed = case.solids_inlet
-    return Feed(gas, fraction * _factor(given.solids_schedule, time), speed, blocked)
+    return Inflow(gas, fraction * _factor(given.solids_schedule, time), speed, blocked)
 
 
 def _factor(schedule: tuple[tuple[float, float], ...], time: float) -> float:
@@ -108,24 +108,24 @@ def step_control(case: Case) -> StepControl:
     )
 
 
-def start(case: Case, flow: Flow3D) -> None:
+def start(case: Case, flow: UnsteadyFlow) -> None:
     """Put a flow into the initial state of its case."""
     given, cells = case.initial, flow.cells
     if given.state == "rest":
-        flow.start()
+        flow.initialise()
     elif given.state == "bed":
         _, y, s = flow.mesh.straightened(cells.centre).T
         bottom = -case.geometry.size[1] / 2
         top = math.inf if given.bed_height is None else bottom + given.bed_height
         end = math.inf if given.bed_end is None else given.bed_end
         bed = (y < top) & (s >= given.bed_start) & (s < end)
-        flow.start(np.where(bed, given.bed_fraction, 0.0))
+        flow.initialise(np.where(bed, given.bed_fraction, 0.0))
     else:
-        feed = feed_at(case, 0.0)
-        flow.start(feed.solids_fraction)
+        inflow = inflow_at(case, 0.0)
+        flow.initialise(inflow.solids_fraction)
         axis = flow.mesh.axis(cells.centre)
-        gas = feed.gas_velocity / (1 - feed.solids_fraction)
-        flow.move(feed.solids_velocity * axis, gas * axis)
+        gas = inflow.gas_velocity / (1 - inflow.solids_fraction)
+        flow.set_velocities(inflow.solids_velocity * axis, gas * axis)
 
 
 class Stepped:
@@ -136,9 +136,9 @@ class Stepped:
     report : what the last step told
     """
 
-    def __init__(self, case: Case, flow: Flow3D) -> None:
+    def __init__(self, case: Case, flow: UnsteadyFlow) -> None:
         self.case, self.flow, self.mesh = case, flow, flow.mesh
-        self.report: Report | None = None
+        self.report: StepReport | None = None
 
     @property
     def dofs(self) -> int:
@@ -147,7 +147,7 @@ class Stepped:
 
     def advance(self, dt: float, time: float) -> float:
         """Go one step and return its effort."""
-        self.report = self.flow.advance(dt, feed_at(self.case, time))
+        self.report = self.flow.advance(dt, inflow_at(self.case, time))
         self.flow.time = time
         taken = self.report.iterations
         return max(n / MOST_ITERATIONS[name] for name, n in taken.items())
@@ -327,7 +327,7 @@ def solve(case: Case, recorder: FlowRecorder) -> Answer:
     KeyboardInterrupt
         the user has asked to stop; all ranks stand behind the same step.
     """
-    section = Stepped(case, Flow3D(case, line(case)))
+    section = Stepped(case, UnsteadyFlow(case, line(case)))
     stepping = TimeStepping(step_control(case), milestones(case), recorder.log)
     if recorder.resume:
         recorder.restore(section, stepping)

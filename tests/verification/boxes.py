@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from fem_tfm import Case
 from fem_tfm.mesh import DuctGeometry, Mesh
-from fem_tfm.models.unsteady import Flow3D
+from fem_tfm.models.finite_volume import UnsteadyFlow
 
 TAGS = {"inlet": 1, "outlet": 2, "wall": 3, "symmetry": 4}
 HEX, TET = dmesh.CellType.hexahedron, dmesh.CellType.tetrahedron
@@ -87,6 +87,6 @@ def case(mesh: Mesh, changes: Mapping[str, Any] | None = None, alone: bool = Fal
 
 def flow(
     mesh: Mesh, changes: Mapping[str, Any] | None = None, alone: bool = False, order: int = 0
-) -> Flow3D:
+) -> UnsteadyFlow:
     """The flow of such a case, at rest."""
-    return Flow3D(case(mesh, {"numerics.order": order, **(changes or {})}, alone), mesh)
+    return UnsteadyFlow(case(mesh, {"numerics.order": order, **(changes or {})}, alone), mesh)

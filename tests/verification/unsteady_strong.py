@@ -15,8 +15,8 @@ import numpy as np
 from strong import STEP, WEIGHTS, derivative
 
 from fem_tfm.case import Case
-from fem_tfm.models.unsteady.laws import FADING_FRACTION, SLIP_FLOOR
-from fem_tfm.models.unsteady.state import Sources
+from fem_tfm.models.finite_volume.laws import FADING_FRACTION, SLIP_FLOOR
+from fem_tfm.models.finite_volume.state import Sources
 
 Field = Callable[[np.ndarray], np.ndarray]
 FieldInTime = Callable[[np.ndarray, float], np.ndarray]

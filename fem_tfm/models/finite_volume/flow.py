@@ -13,42 +13,43 @@ from dolfinx import fem
 from fem_tfm.case import Case
 from fem_tfm.errors import SolverError
 from fem_tfm.mesh import Mesh
-from fem_tfm.models.unsteady.agitation import Agitation
-from fem_tfm.models.unsteady.compression import IdealGas, Thickness, held
-from fem_tfm.models.unsteady.fraction import SolidsFraction
-from fem_tfm.models.unsteady.laws import CellLaws
-from fem_tfm.models.unsteady.levels import (
-    GAS_OF_CELLS,
-    GAS_OF_FACES,
-    PAST_OF_CELLS,
-    PAST_OF_FACES,
-    Levels,
-    Past,
-    euler,
-    second_order,
-)
-from fem_tfm.models.unsteady.line import Line
-from fem_tfm.models.unsteady.momenta import Momenta
-from fem_tfm.models.unsteady.projection import Projection
-from fem_tfm.models.unsteady.state import (
-    OF_CELLS,
-    OF_FACES,
+from fem_tfm.models.finite_volume.cells.line import LineMesh
+from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
+from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.fraction import SolidsFraction
+from fem_tfm.models.finite_volume.ideal_gas import IdealGas, RelativeDensity, gas_volume
+from fem_tfm.models.finite_volume.laws import CellLaws
+from fem_tfm.models.finite_volume.momentum import Momentum
+from fem_tfm.models.finite_volume.pressure import PressureProjection
+from fem_tfm.models.finite_volume.state import (
+    CELL_FIELDS,
+    FACE_FIELDS,
     SMALLEST_FRACTION,
     SMALLEST_THETA,
-    Feed,
+    Inflow,
     Masses,
-    Moment,
-    Rates,
-    Report,
+    SolidsDeformation,
+    State,
     StepFailed,
+    StepReport,
 )
-from fem_tfm.models.unsteady.turbulence import Turbulence
-from fem_tfm.solvers.cells import Array, CellMatrix
+from fem_tfm.models.finite_volume.temperature import GranularTemperature
+from fem_tfm.models.finite_volume.time_levels import (
+    PREVIOUS_CELL_FIELDS,
+    PREVIOUS_FACE_FIELDS,
+    PREVIOUS_GAS_CELL_FIELDS,
+    PREVIOUS_GAS_FACE_FIELDS,
+    PreviousStep,
+    TimeLevels,
+    bdf2,
+    implicit_euler,
+)
+from fem_tfm.models.finite_volume.turbulence import Turbulence
 
 FAILURES = (SolverError, FloatingPointError, np.linalg.LinAlgError)
 
 
-class Flow3D:
+class UnsteadyFlow:
     """An unsteady flow on one mesh.
 
     Parameters
@@ -68,7 +69,7 @@ class Flow3D:
     def __init__(self, case: Case, mesh: Mesh) -> None:
         self.case, self.mesh = case, mesh
         self.gas, self.solids = case.gas_material, case.solids_material
-        self.line, self.laws = Line(case, mesh), CellLaws(case)
+        self.line, self.laws = LineMesh(case, mesh), CellLaws(case)
         self.cells = self.line.cells
         scalar = CellMatrix(self.cells)
         self.turbulence = None
@@ -76,37 +77,37 @@ class Flow3D:
             self.turbulence = Turbulence(case, self.line, self.laws, scalar)
         if self.solids is not None:
             self.fraction = SolidsFraction(self.line, self.laws, scalar)
-            self.agitation = Agitation(case, self.line, self.laws, scalar)
-        self.ideal = IdealGas(case, self.line) if case.gas.compressible else None
-        lifted = self.ideal.lifted if self.ideal else self.gas.density
-        self.momenta = Momenta(self.line, self.laws, np.array(case.gravity_vector), lifted)
-        self.projection = Projection(self.line, self.laws, case.gas.compressible)
+            self.temperature = GranularTemperature(case, self.line, self.laws, scalar)
+        self.ideal_gas = IdealGas(case, self.line) if case.gas.compressible else None
+        lifted = self.ideal_gas.hydrostatic_density if self.ideal_gas else self.gas.density
+        self.momentum = Momentum(self.line, self.laws, np.array(case.gravity_vector), lifted)
+        self.pressure = PressureProjection(self.line, self.laws, case.gas.compressible)
         self._functions: dict[str, fem.Function] = {}
-        self.start()
+        self.initialise()
 
-    def start(self, alpha: Any = 0.0, theta: float = SMALLEST_THETA, p: Any = 0.0) -> None:
+    def initialise(self, alpha: Any = 0.0, theta: float = SMALLEST_THETA, p: Any = 0.0) -> None:
         """Both phases at rest; solids fraction and pressure are numbers or those of all cells."""
         cells = self.cells
-        zero, flux = np.zeros(cells.count), np.zeros(cells.faces)
+        zero, flux = np.zeros(cells.count), np.zeros(cells.face_count)
         vector = np.zeros((cells.count, 3))
-        self.now = Moment(
+        self.now = State(
             alpha=zero + alpha,
             theta=zero + theta,
             p=zero + p,
             u_s=vector,
             u_g=vector,
-            total=flux,
-            carried=flux,
-            pushed=flux,
+            total_flux=flux,
+            solids_flux=flux,
+            pressure_flux=flux,
             response=flux,
-            gained=flux,
-            scales=self.turbulence.start() if self.turbulence else {},
+            flux_acceleration=flux,
+            scales=self.turbulence.initial() if self.turbulence else {},
         )
-        self.past: Past | None = None
+        self.previous: PreviousStep | None = None
         self.time, self.steps = 0.0, 0
         self._count_masses()
 
-    def move(self, u_s: Array, u_g: Array) -> None:
+    def set_velocities(self, u_s: Array, u_g: Array) -> None:
         """Give both phases velocities, (3,) or (cells, 3) [m/s]; walls hold their normal part."""
         cells = self.cells
         u_s, u_g = (np.broadcast_to(u, (cells.count, 3)).astype(float) for u in (u_s, u_g))
@@ -114,28 +115,28 @@ class Flow3D:
         for flux in fluxes:
             for part in ("wall", "symmetry"):
                 flux[cells.parts.get(part, slice(0, 0))] = 0.0
-        alpha = cells.mean(self.now.alpha)
+        alpha = cells.to_faces(self.now.alpha)
         self.now = replace(
             self.now,
             u_s=u_s,
             u_g=u_g,
-            carried=fluxes[0],
-            total=alpha * fluxes[0] + (1 - alpha) * fluxes[1],
+            solids_flux=fluxes[0],
+            total_flux=alpha * fluxes[0] + (1 - alpha) * fluxes[1],
         )
 
     def _count_masses(self) -> None:
         solids = self.cells.total(self.now.alpha[: self.cells.owned] * self.line.volume)
         self.masses = Masses(solids=solids, gas=self._gas_held(self.now, solids))
 
-    def _gas_held(self, at: Moment, solids: float) -> float:
+    def _gas_held(self, at: State, solids: float) -> float:
         """Gas in the line beside solids, at the density of the case [m3]."""
-        if self.ideal is None:
+        if self.ideal_gas is None:
             return self.cells.total(self.line.volume) - solids
-        return self.cells.total(held(self.ideal, at, self.line.volume))
+        return self.cells.total(gas_volume(self.ideal_gas, at, self.line.volume))
 
     # -- the step ------------------------------------------------------------------------------
 
-    def advance(self, dt: float, feed: Feed) -> Report:
+    def advance(self, dt: float, inflow: Inflow) -> StepReport:
         """One step of `dt` [s].
 
         Raises
@@ -144,132 +145,148 @@ class Flow3D:
             a solver did not converge or a value left its bounds; nothing has changed.
         """
         try:
-            found, past, report, masses = self._attempt(dt, feed)
+            found, past, report, masses = self._attempt(dt, inflow)
         except FAILURES as error:
             raise StepFailed(str(error)) from error
-        self.now, self.past, self.masses = found, past, masses
+        self.now, self.previous, self.masses = found, past, masses
         self.time += dt
         self.steps += 1
         return report
 
-    def _attempt(self, dt: float, feed: Feed) -> tuple[Moment, Past | None, Report, Masses]:
+    def _attempt(
+        self, dt: float, inflow: Inflow
+    ) -> tuple[State, PreviousStep | None, StepReport, Masses]:
         """A step of the case's order, or of first order where that one fails."""
         if self.line.order:
             try:
-                return self._step(self._levels(dt, feed), dt, feed)
+                return self._step(self._time_levels(dt, inflow), dt, inflow)
             except FAILURES:
                 pass
-        return self._step(euler(self.line, self.now, dt), dt, feed)
+        return self._step(implicit_euler(self.line, self.now, dt), dt, inflow)
 
-    def _levels(self, dt: float, feed: Feed) -> Levels:
+    def _time_levels(self, dt: float, inflow: Inflow) -> TimeLevels:
         limit = 1.0 if self.solids is None else self.solids.packing_limit
-        if self.past is None:
-            return euler(self.line, self.now, dt, limit)
+        if self.previous is None:
+            return implicit_euler(self.line, self.now, dt, limit)
         gas = 1.0, 1.0
-        if self.ideal:
-            gas = self.ideal.relative(self.now.p), self.ideal.relative(self.past.p)
-        return second_order(self.line, self.now, self.past, dt, limit, feed, gas)
+        if self.ideal_gas:
+            gas = self.ideal_gas.relative(self.now.p), self.ideal_gas.relative(self.previous.p)
+        return bdf2(self.line, self.now, self.previous, dt, limit, inflow, gas)
 
     def _step(
-        self, levels: Levels, dt: float, feed: Feed
-    ) -> tuple[Moment, Past | None, Report, Masses]:
-        old, start, span = levels.expected, levels.start, levels.span_faces
+        self, levels: TimeLevels, dt: float, inflow: Inflow
+    ) -> tuple[State, PreviousStep | None, StepReport, Masses]:
+        old, start, span = levels.predicted, levels.start, levels.span_faces
         cells, effort = self.cells, {}
-        moved, rates, beta, dragged = None, None, np.zeros(cells.count), None
-        at, stirred, compressed = old, None, None
-        thickness = self.ideal.foresee(levels, dt) if self.ideal else None
+        transported, deformation, beta, dragged = None, None, np.zeros(cells.count), None
+        at, coefficients, gas_balance = old, None, None
+        relative_density = self.ideal_gas.extrapolate(levels, dt) if self.ideal_gas else None
         if self.turbulence:
-            stirred = self.turbulence.stir(levels, thickness and thickness.later)
+            coefficients = self.turbulence.coefficients(
+                levels, relative_density and relative_density.end
+            )
         if self.solids is not None:
-            rates = self._expected_rates(levels)
+            deformation = self._expected_rates(levels)
             response = old.response
             if not self.steps:
                 density = self.gas.density
-                if thickness:
-                    density = density * cells.mean(thickness.now)
-                drag = sum(self._drag(old, thickness))
-                response = self.projection.response(old.alpha, drag, dt, density)[0]
+                if relative_density:
+                    density = density * cells.to_faces(relative_density.now)
+                drag = sum(self._drag(old, relative_density))
+                response = self.pressure.response(old.alpha, drag, dt, density)[0]
                 # the pressure of the solids acts from the first step on: what it bears must too
-                p_s = self.laws.solids_pressure(old.alpha, old.theta, rates)
-                borne = response * cells.size * self.momenta.weight_borne(old.alpha, p_s)
-                levels = replace(levels, start=replace(start, carried=start.carried + borne))
-            moved = self.fraction.move(levels, response, rates, dt, feed, effort, stirred)
-            if self.past is not None:
-                lost = cells.sum(moved.flux) / self.line.volume - feed.inside.solids
-                before = moved.alpha[: cells.owned] + levels.span * lost
-                start = replace(start, alpha=cells.whole(np.clip(before, 0.0, 1.0)))
-            at = replace(old, alpha=moved.alpha)
-            beta, steep = self._drag(at, thickness)
-            theta = self.agitation.warm(at, beta, levels, start, moved, rates, feed, effort)
+                p_s = self.laws.solids_pressure(old.alpha, old.theta, deformation)
+                borne = response * cells.face_area * self.momentum.supported_weight(old.alpha, p_s)
+                levels = replace(
+                    levels, start=replace(start, solids_flux=start.solids_flux + borne)
+                )
+            transported = self.fraction.solve(
+                levels, response, deformation, dt, inflow, effort, coefficients
+            )
+            if self.previous is not None:
+                lost = cells.net_flux(transported.flux) / self.line.volume - inflow.sources.solids
+                before = transported.alpha[: cells.owned] + levels.span * lost
+                start = replace(start, alpha=cells.ghosted(np.clip(before, 0.0, 1.0)))
+            at = replace(old, alpha=transported.alpha)
+            beta, steep = self._drag(at, relative_density)
+            theta = self.temperature.solve(
+                at, beta, levels, start, transported, deformation, inflow, effort
+            )
             at = replace(at, theta=theta)
             # a gas that gives way follows its drag at once: with that of the slip foreseen alone,
             # flow and drag would take turns
             beta, dragged = beta + steep, steep[:, None] * (at.u_g - at.u_s)
-        if self.ideal:
-            compressed = self.ideal.compress(thickness, levels, moved, dt, feed)
+        if self.ideal_gas:
+            gas_balance = self.ideal_gas.balance(relative_density, levels, transported, dt, inflow)
         if self.turbulence:
-            scales = self.turbulence.carry(
-                at, levels, start, stirred, moved, feed, effort, compressed
+            scales = self.turbulence.solve(
+                at, levels, start, coefficients, transported, inflow, effort, gas_balance
             )
             at = replace(at, scales=scales)
-        phases = self.momenta.phases(at, levels, start, moved, rates, stirred, compressed)
-        gaps, accelerated = self.momenta.forces(at, phases, beta, levels, feed)
-        guess = self.momenta.solve(phases, beta, accelerated, levels, feed, effort, dragged)
-        at = replace(at, u_s=start.u_s)
-        found = self.projection.project(
-            at, phases, beta, guess, gaps, span, feed, effort, compressed
+        phases = self.momentum.phases(
+            at, levels, start, transported, deformation, coefficients, gas_balance
         )
-        passed, added = np.zeros(cells.faces), np.zeros(cells.owned)
-        if moved is not None:
-            passed, added = moved.passed, moved.added
+        gaps, accelerated = self.momentum.forces(at, phases, beta, levels, inflow)
+        guess = self.momentum.solve(phases, beta, accelerated, levels, inflow, effort, dragged)
+        at = replace(at, u_s=start.u_s)
+        found = self.pressure.project(
+            at, phases, beta, guess, gaps, span, inflow, effort, gas_balance
+        )
+        passed, added = np.zeros(cells.face_count), np.zeros(cells.owned)
+        if transported is not None:
+            passed, added = transported.step_flux, transported.step_source
         volume = self.line.volume
-        if compressed is None:
-            grown = (feed.inside.solids + feed.inside.gas) * volume
-            gas = found.total - passed, grown - added * volume
+        if gas_balance is None:
+            grown = (inflow.sources.solids + inflow.sources.gas) * volume
+            gas = found.total_flux - passed, grown - added * volume
         else:
             self._check_density(found)
-            gas = compressed.passed(found.total), compressed.fed * volume
+            gas = gas_balance.step_flux(found.total_flux), gas_balance.source * volume
         masses = self._balance((passed, added * volume), gas, dt)
         past = None
         if self.line.order:
-            past = Past.of(self.now, dt, passed, cells.whole(added))
-            if self.ideal:
-                past = replace(past, gas=gas[0], fed=cells.whole(compressed.fed))
+            past = PreviousStep.of(self.now, dt, passed, cells.ghosted(added))
+            if self.ideal_gas:
+                past = replace(
+                    past, gas_step_flux=gas[0], gas_step_source=cells.ghosted(gas_balance.source)
+                )
         return found, past, self._report(found, dt, effort, masses), masses
 
-    def rates(self, at: Moment | Past) -> Rates:
+    def deformation(self, at: State | PreviousStep) -> SolidsDeformation:
         """How the solids of a state deform, in all cells (collective)."""
         cells = self.cells
-        gradient = cells.whole(cells.gradient(at.u_s))
-        dilation = cells.whole(cells.sum(at.carried) / self.line.volume)
-        return self.laws.rates(gradient, dilation)
+        gradient = cells.ghosted(cells.gradient(at.u_s))
+        dilation = cells.ghosted(cells.net_flux(at.solids_flux) / self.line.volume)
+        return self.laws.deformation(gradient, dilation)
 
-    def _expected_rates(self, levels: Levels) -> Rates:
-        """Rates at the end of a step as far as they are foreseen; the gradient is that of now.
+    def _expected_rates(self, levels: TimeLevels) -> SolidsDeformation:
+        """Deformation predicted for the end of a step; the gradient is the present one.
 
         Stresses that the matrix does not hold would grow if they were extrapolated.
         """
-        found = self.rates(replace(levels.now, carried=levels.expected.carried))
-        if levels.past is None:
+        found = self.deformation(replace(levels.now, solids_flux=levels.predicted.solids_flux))
+        if levels.previous is None:
             return found
-        shear = levels.grown(found.shear, self.rates(levels.past).shear)
+        shear = levels.extrapolate(found.shear, self.deformation(levels.previous).shear)
         return replace(found, shear=shear)
 
-    def _drag(self, at: Moment, thickness: Thickness | None = None) -> tuple[Array, Array]:
+    def _drag(
+        self, at: State, relative_density: RelativeDensity | None = None
+    ) -> tuple[Array, Array]:
         """beta and its growth with the slip, |u| d(beta)/d|u|, in all cells [kg/m3/s]."""
-        laws = self.laws.of(thickness.later) if thickness else self.laws
+        laws = self.laws.of(relative_density.end) if relative_density else self.laws
         return laws.steep_drag(at.alpha, at.u_g - at.u_s, self.line.gas_profile[0])
 
     # -- what others read ----------------------------------------------------------------------
 
-    def _check_density(self, found: Moment) -> None:
-        density = self.ideal.relative(found.p)[: self.cells.owned]
+    def _check_density(self, found: State) -> None:
+        density = self.ideal_gas.relative(found.p)[: self.cells.owned]
         if not self.cells.largest(-density) < 0:
             raise SolverError("the density of the gas is not positive")
 
     def _balance(self, solids: tuple[Array, Array], gas: tuple[Array, Array], dt: float) -> Masses:
         """Masses with what has passed faces in a step and what was put into cells [m3/s]."""
-        cells, edge = self.cells, slice(self.cells.inner, None)
+        cells, edge = self.cells, slice(self.cells.inner_count, None)
         gained = {}
         for name, (passed, inside) in (("solids", solids), ("gas", gas)):
             flux = passed[edge]
@@ -279,14 +296,16 @@ class Flow3D:
             gained[f"{name}_net"] = getattr(self.masses, f"{name}_net") + dt * net
         return replace(self.masses, **gained)
 
-    def _report(self, found: Moment, dt: float, effort: dict[str, int], masses: Masses) -> Report:
+    def _report(
+        self, found: State, dt: float, effort: dict[str, int], masses: Masses
+    ) -> StepReport:
         cells, own = self.cells, slice(0, self.cells.owned)
-        values = {name: getattr(found, name) for name in OF_CELLS} | dict(found.scales)
+        values = {name: getattr(found, name) for name in CELL_FIELDS} | dict(found.scales)
         for name, value in values.items():
             # a sum is finite where all values are
             if not np.isfinite(cells.total(value[own])):
                 raise SolverError(f"{name} is not finite")
-        return Report(
+        return StepReport(
             effort,
             cells.largest(found.alpha[own]),
             cells.largest(found.theta[own]),
@@ -299,17 +318,17 @@ class Flow3D:
         """Largest Courant number of solids and gas for a step of one second [1/s]."""
         return self._courant(self.now)
 
-    def _courant(self, at: Moment) -> tuple[float, float]:
+    def _courant(self, at: State) -> tuple[float, float]:
         cells = self.cells
-        alpha = cells.mean(at.alpha)
-        gas = (at.total - alpha * at.carried) / np.maximum(1 - alpha, SMALLEST_FRACTION)
-        rates = []
-        for flux in (at.carried, gas):
-            leaving = cells.sum_out(np.maximum(flux, 0.0), np.maximum(-flux, 0.0))
-            rates.append(cells.largest(leaving / self.line.volume))
-        return rates[0], rates[1]
+        alpha = cells.to_faces(at.alpha)
+        gas = (at.total_flux - alpha * at.solids_flux) / np.maximum(1 - alpha, SMALLEST_FRACTION)
+        deformation = []
+        for flux in (at.solids_flux, gas):
+            leaving = cells.sum_by_side(np.maximum(flux, 0.0), np.maximum(-flux, 0.0))
+            deformation.append(cells.largest(leaving / self.line.volume))
+        return deformation[0], deformation[1]
 
-    def _errors(self, at: Moment, masses: Masses) -> dict[str, float]:
+    def _errors(self, at: State, masses: Masses) -> dict[str, float]:
         solids = self.cells.total(at.alpha[: self.cells.owned] * self.line.volume)
         found = {}
         for name, now in (("solids", solids), ("gas", self._gas_held(at, solids))):
@@ -329,13 +348,13 @@ class Flow3D:
         The flows are those through the outlet, the pressure drop that from the inlet's cells to it.
         """
         cells, now, own = self.cells, self.now, slice(0, self.cells.owned)
-        entry, size = cells.first[self.line.inlet], cells.size[self.line.inlet]
+        entry, size = cells.first[self.line.inlet], cells.face_area[self.line.inlet]
         area = max(cells.total(size), 1e-300)
         drop = cells.total(now.p[entry] * size) / area
         factor = self.mesh.geometry.area_factor
-        leaving = cells.mean(now.alpha)[self.line.outlet] * now.carried[self.line.outlet]
-        gas = now.total[self.line.outlet] - leaving
-        gas = cells.total(gas * self.ideal.at_outlet if self.ideal else gas)
+        leaving = cells.to_faces(now.alpha)[self.line.outlet] * now.solids_flux[self.line.outlet]
+        gas = now.total_flux[self.line.outlet] - leaving
+        gas = cells.total(gas * self.ideal_gas.outlet_relative_density if self.ideal_gas else gas)
         room = cells.total(self.line.volume)
         found = {
             "pressure_gradient": drop / self.mesh.length,
@@ -356,52 +375,55 @@ class Flow3D:
         Arrays over owned cells, those on faces as (owned, facets of a cell), and numbers. The next
         step builds its multigrid anew, so that a run that goes on equals one that is restored.
         """
-        self.projection.renew()
+        self.pressure.renew()
         cells, own = self.cells, slice(0, self.cells.owned)
-        found = {name: getattr(self.now, name)[own].copy() for name in OF_CELLS}
-        for name, directed in OF_FACES.items():
-            found[name] = cells.to_sides(getattr(self.now, name), directed)
+        found = {name: getattr(self.now, name)[own].copy() for name in CELL_FIELDS}
+        for name, directed in FACE_FIELDS.items():
+            found[name] = cells.faces_by_cell(getattr(self.now, name), directed)
         found |= {name: values[own].copy() for name, values in self.now.scales.items()}
         of_cells, of_faces = self._names_of_past
-        if self.past is not None:
+        if self.previous is not None:
             for name in of_cells:
-                found[f"before_{name}"] = getattr(self.past, name)[own].copy()
-            for name, values in self.past.scales.items():
+                found[f"before_{name}"] = getattr(self.previous, name)[own].copy()
+            for name, values in self.previous.scales.items():
                 found[f"before_{name}"] = values[own].copy()
             for name in of_faces:
-                found[f"before_{name}"] = cells.to_sides(getattr(self.past, name))
-            found["before_dt"] = np.array(self.past.dt)
+                found[f"before_{name}"] = cells.faces_by_cell(getattr(self.previous, name))
+            found["before_dt"] = np.array(self.previous.dt)
         found["time"], found["steps"] = np.array(self.time), np.array(self.steps)
         return found | {f"mass_{n}": np.array(v) for n, v in vars(self.masses).items()}
 
     @property
     def _names_of_past(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """What the next step takes from before the last one, in cells and on faces."""
-        if self.ideal is None:
-            return PAST_OF_CELLS, PAST_OF_FACES
-        return PAST_OF_CELLS + GAS_OF_CELLS, PAST_OF_FACES + GAS_OF_FACES
+        if self.ideal_gas is None:
+            return PREVIOUS_CELL_FIELDS, PREVIOUS_FACE_FIELDS
+        return (
+            PREVIOUS_CELL_FIELDS + PREVIOUS_GAS_CELL_FIELDS,
+            PREVIOUS_FACE_FIELDS + PREVIOUS_GAS_FACE_FIELDS,
+        )
 
     def restore(self, state: Mapping[str, Array]) -> None:
         """Take over what `state` gave, also from another division into ranks (collective)."""
         cells = self.cells
-        found = {name: cells.whole(np.asarray(state[name])) for name in OF_CELLS}
-        for name, directed in OF_FACES.items():
-            found[name] = cells.from_sides(np.asarray(state[name]), directed)
-        found["scales"] = {n: cells.whole(np.asarray(state[n])) for n in self.now.scales}
-        self.now, self.past = Moment(**found), None
+        found = {name: cells.ghosted(np.asarray(state[name])) for name in CELL_FIELDS}
+        for name, directed in FACE_FIELDS.items():
+            found[name] = cells.from_faces_by_cell(np.asarray(state[name]), directed)
+        found["scales"] = {n: cells.ghosted(np.asarray(state[n])) for n in self.now.scales}
+        self.now, self.previous = State(**found), None
         if self.line.order and "before_dt" in state:
             of_cells, of_faces = self._names_of_past
             scales = self.now.scales
             names = *of_cells, *of_faces, *scales
             given = {name: np.asarray(state[f"before_{name}"]) for name in names}
-            found = {name: cells.whole(given[name]) for name in of_cells}
-            found |= {name: cells.from_sides(given[name]) for name in of_faces}
-            found["scales"] = {name: cells.whole(given[name]) for name in scales}
-            self.past = Past(float(state["before_dt"]), **found)
+            found = {name: cells.ghosted(given[name]) for name in of_cells}
+            found |= {name: cells.from_faces_by_cell(given[name]) for name in of_faces}
+            found["scales"] = {name: cells.ghosted(given[name]) for name in scales}
+            self.previous = PreviousStep(float(state["before_dt"]), **found)
         self.time, self.steps = float(state["time"]), int(state["steps"])
         names = (f.name for f in fields(Masses))
         self.masses = Masses(**{name: float(state[f"mass_{name}"]) for name in names})
-        self.projection.renew()
+        self.pressure.renew()
 
     def fields(self) -> dict[str, fem.Function]:
         """Values of the cells for output, in functions that are made once."""

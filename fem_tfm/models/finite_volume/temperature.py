@@ -8,23 +8,24 @@ from dataclasses import replace
 import numpy as np
 
 from fem_tfm.case import Case
-from fem_tfm.models.unsteady.laws import CellLaws, Grains
-from fem_tfm.models.unsteady.levels import Levels
-from fem_tfm.models.unsteady.line import Line
-from fem_tfm.models.unsteady.state import (
+from fem_tfm.models.finite_volume.cells.line import LineMesh
+from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
+from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
+from fem_tfm.models.finite_volume.laws import CellLaws, SolidsCoefficients
+from fem_tfm.models.finite_volume.state import (
     LONELY_FRACTION,
     SMALLEST_FRACTION,
     SMALLEST_THETA,
-    Feed,
-    Moment,
-    Moved,
-    Rates,
+    Inflow,
+    SolidsDeformation,
+    SolidsTransport,
+    State,
 )
-from fem_tfm.models.unsteady.transport import Transport
-from fem_tfm.solvers.cells import Array, CellMatrix
+from fem_tfm.models.finite_volume.time_levels import TimeLevels
 
 
-class Agitation:
+class GranularTemperature:
     """Moves the granular energy with the solids, makes and loses it.
 
     Parameters
@@ -34,20 +35,20 @@ class Agitation:
     matrix : scalar matrix, whose values are overwritten
     """
 
-    def __init__(self, case: Case, line: Line, laws: CellLaws, matrix: CellMatrix) -> None:
+    def __init__(self, case: Case, line: LineMesh, laws: CellLaws, matrix: CellMatrix) -> None:
         self.line, self.laws = line, laws
         self._intensity = case.inlet.solids_intensity
-        self.transport = Transport(line, matrix)
+        self.transport = ScalarTransport(line, matrix)
 
-    def warm(
+    def solve(
         self,
-        old: Moment,
+        old: State,
         beta: Array,
-        levels: Levels,
-        start: Moment,
-        moved: Moved,
-        rates: Rates,
-        feed: Feed,
+        levels: TimeLevels,
+        start: State,
+        transported: SolidsTransport,
+        deformation: SolidsDeformation,
+        inflow: Inflow,
         effort: dict[str, int],
     ) -> Array:
         """Granular temperature after a step from `start` [m2/s2] (collective).
@@ -59,53 +60,53 @@ class Agitation:
         SolverError
             the linear solver does not converge.
         """
-        line, cells, laws, alpha = self.line, self.line.cells, self.laws, moved.alpha
+        line, cells, laws, alpha = self.line, self.line.cells, self.laws, transported.alpha
         # dense grains heat up thousandfold faster than they are compressed: what only one of two
         # steps compresses would drive waves of their pressure
-        dilation = np.maximum(moved.dilation, rates.dilation)
+        dilation = np.maximum(transported.dilation, deformation.dilation)
         if line.order:
             # what both compress is compressed as the step says
-            both = (moved.dilation < 0) & (rates.dilation < 0)
-            trusted = levels.loose * (both | (moved.dilation > 0))
-            dilation = dilation + trusted * (moved.dilation - dilation)
-        grains = laws.grains(alpha, old.theta, replace(rates, dilation=dilation))
+            both = (transported.dilation < 0) & (deformation.dilation < 0)
+            trusted = levels.second_order * (both | (transported.dilation > 0))
+            dilation = dilation + trusted * (transported.dilation - dilation)
+        grains = laws.grains(alpha, old.theta, replace(deformation, dilation=dilation))
         if laws.laws.theta == "algebraic":
-            return laws.balanced_theta(alpha, grains, rates.shear, beta)
+            return laws.balanced_theta(alpha, grains, deformation.shear, beta)
         own, k = line.own, grains.kinetic
         density = laws.solids.density
         mass = 1.5 * density * np.maximum(start.alpha[own], SMALLEST_FRACTION)
         inertia = mass * line.volume / levels.span
-        work = 2 * k.shear_viscosity * rates.shear + k.bulk_viscosity * dilation**2
+        work = 2 * k.shear_viscosity * deformation.shear + k.bulk_viscosity * dilation**2
         if laws.laws.friction_feeds_theta:
-            work = work + 2 * grains.mu_f * rates.shear
+            work = work + 2 * grains.mu_f * deformation.shear
         unit = k.pressure / old.theta * dilation
         sink = k.dissipation / old.theta + 3 * beta + np.maximum(unit, 0.0)
         gain = work + np.maximum(-unit, 0.0) * old.theta
-        energy = feed.inside.energy
+        energy = inflow.sources.energy
         diagonal = inertia + sink[own] * line.volume
         diagonal += np.maximum(-energy, 0.0) / old.theta[own] * line.volume
         rhs = inertia * start.theta[own] + (gain[own] + np.maximum(energy, 0.0)) * line.volume
         if line.has_wall:
-            heat = self._wall_heat(old, alpha, grains) * cells.size[line.wall]
+            heat = self._wall_heat(old, alpha, grains) * cells.face_area[line.wall]
             edge = cells.first[line.wall]
-            cells.to_boundary("wall", rhs, np.maximum(heat, 0.0))
-            cells.to_boundary("wall", diagonal, np.maximum(-heat, 0.0) / old.theta[edge])
-        found = self.transport.carry(
-            1.5 * density * moved.flux,
+            cells.add_boundary("wall", rhs, np.maximum(heat, 0.0))
+            cells.add_boundary("wall", diagonal, np.maximum(-heat, 0.0) / old.theta[edge])
+        found = self.transport.solve(
+            1.5 * density * transported.flux,
             k.conductivity,
             diagonal,
             rhs,
             old.theta[own],
-            entering=(self._intensity * feed.solids_velocity) ** 2,
-            linear=levels.linear if line.order else None,
+            entering=(self._intensity * inflow.solids_velocity) ** 2,
+            linear=levels.second_order_faces if line.order else None,
         )
         effort["theta"] = self.transport.iterations
         # grains that are all but alone do not fly faster than the gas
         alone = alpha[own] < LONELY_FRACTION
-        found[alone] = np.minimum(found[alone], line.speed**2)
-        return cells.whole(np.maximum(found, SMALLEST_THETA))
+        found[alone] = np.minimum(found[alone], line.velocity_scale**2)
+        return cells.ghosted(np.maximum(found, SMALLEST_THETA))
 
-    def _wall_heat(self, old: Moment, alpha: Array, grains: Grains) -> Array:
+    def _wall_heat(self, old: State, alpha: Array, grains: SolidsCoefficients) -> Array:
         """Flux from the faces of the wall into the granular energy [W/m2]."""
         edge = self.line.cells.first[self.line.wall]
         slip = self.laws.slip(old.u_s[edge], self.line.normal[self.line.wall])

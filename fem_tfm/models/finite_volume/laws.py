@@ -18,13 +18,13 @@ from fem_tfm.case import Case
 from fem_tfm.closures.granular import Kinetic, algebraic_theta
 from fem_tfm.closures.turbulence import Eddies, realizable_slope
 from fem_tfm.closures.walls import GasWallState, WallState
-from fem_tfm.models.unsteady.state import (
+from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.state import (
     LONELY_FRACTION,
     SMALLEST_FRACTION,
     SMALLEST_THETA,
-    Rates,
+    SolidsDeformation,
 )
-from fem_tfm.solvers.cells import Array
 
 # viscosity and conduction of grains, which laws keep finite in a void, fade below this fraction
 FADING_FRACTION = 1e-4
@@ -37,7 +37,7 @@ SLIP_STEP = 1e-3
 
 
 @dataclass(frozen=True)
-class Grains:
+class SolidsCoefficients:
     """Coefficients of the solids in cells.
 
     kinetic : of kinetic theory
@@ -103,33 +103,39 @@ class CellLaws:
 
     # -- solids --------------------------------------------------------------------------------
 
-    def rates(self, gradient: Array, dilation: Array) -> Rates:
+    def deformation(self, gradient: Array, dilation: Array) -> SolidsDeformation:
         """Deformation from the gradient of u_s (cells, 3, 3) and its divergence [1/s]."""
         xx, yy, zz, xy, xz, yz = _deviator(gradient)[1]
         shear = xx * xx + yy * yy + zz * zz + 2 * (xy * xy + xz * xz + yz * yz)
-        return Rates(gradient, shear, dilation)
+        return SolidsDeformation(gradient, shear, dilation)
 
     def solids_pressure(
-        self, alpha: Array, theta: Array, rates: Rates, lift: Array | float = 0.0
+        self, alpha: Array, theta: Array, deformation: SolidsDeformation, lift: Array | float = 0.0
     ) -> Array:
         """p_s of kinetic theory and friction, and of a normal stress `lift` over a rho_s [Pa]."""
         laws, solids = self.laws, self.solids
         alpha = np.maximum(alpha, 0.0)
         g0 = laws.radial.g0(alpha, solids)
         kinetic = laws.granular.pressure(alpha, theta, g0, solids)
-        friction = laws.friction.stress(alpha, theta, rates.shear, rates.dilation, solids)
+        friction = laws.friction.stress(
+            alpha, theta, deformation.shear, deformation.dilation, solids
+        )
         return kinetic + friction.pressure + alpha * solids.density * lift
 
-    def grains(self, alpha: Array, theta: Array, rates: Rates) -> Grains:
+    def grains(
+        self, alpha: Array, theta: Array, deformation: SolidsDeformation
+    ) -> SolidsCoefficients:
         """Coefficients of kinetic theory and friction."""
         laws, solids = self.laws, self.solids
         alpha = np.maximum(alpha, 0.0)
         g0, kinetic = self.kinetic(alpha, theta)
-        friction = laws.friction.stress(alpha, theta, rates.shear, rates.dilation, solids)
+        friction = laws.friction.stress(
+            alpha, theta, deformation.shear, deformation.dilation, solids
+        )
         cap = MOST_VISCOUS * solids.density * self.speed * self.width
         zero = np.zeros_like(alpha)
         viscosity = np.minimum(zero + friction.viscosity, cap)
-        return Grains(kinetic, g0, zero + friction.pressure, viscosity)
+        return SolidsCoefficients(kinetic, g0, zero + friction.pressure, viscosity)
 
     def kinetic(self, alpha: Array, theta: Array) -> tuple[Array, Kinetic]:
         """g0 and the coefficients of kinetic theory, at alpha >= 0."""
@@ -141,7 +147,9 @@ class CellLaws:
             shear_viscosity=fade * found.shear_viscosity, conductivity=fade * found.conductivity
         )
 
-    def balanced_theta(self, alpha: Array, grains: Grains, shear: Array, beta: Array) -> Array:
+    def balanced_theta(
+        self, alpha: Array, grains: SolidsCoefficients, shear: Array, beta: Array
+    ) -> Array:
         """Granular temperature where production equals dissipation and drag [m2/s2]."""
         found = algebraic_theta(
             alpha, grains.g0, shear, 0.0, self.laws.granular, self.solids, self.width, beta
@@ -219,7 +227,7 @@ class CellLaws:
         return np.sqrt(np.einsum("ni,ni->n", along, along) + floor**2)
 
     def wall_state(
-        self, alpha: Array, theta: Array, grains: Grains, slip: Array, at: Array
+        self, alpha: Array, theta: Array, grains: SolidsCoefficients, slip: Array, at: Array
     ) -> WallState:
         """What the wall law of the solids sees in the cells `at` of a wall."""
         alpha = np.maximum(alpha[at], 0.0)
