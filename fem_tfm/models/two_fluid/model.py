@@ -32,7 +32,7 @@ FOUR_EQUATION = "realizable-4eq"
 
 
 @dataclass(frozen=True)
-class Regularisation(Parameters):
+class SectionTerms(Parameters):
     """Small stated terms of a two-fluid section, without which its mesh carries no front."""
 
     alpha_diffusion: float | None = parameter(
@@ -110,8 +110,8 @@ class TwoFluid(Parameters):
         ge=0,
         le=10,
     )
-    regularisation: Regularisation = parameter(
-        doc="small terms of a section's mesh", factory=Regularisation
+    section_terms: SectionTerms = parameter(
+        doc="small terms of a section's mesh", factory=SectionTerms
     )
     flow: ClassVar[str] = "dense"
 
