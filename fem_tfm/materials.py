@@ -181,7 +181,7 @@ class Solids(Parameters):
     """
 
     density: float = parameter(MISSING, "kg/m3", "density of the particle", gt=0, le=25000)
-    diameter: float = parameter(MISSING, "m", "diameter of the particle", gt=0, le=1)
+    diameter: float = parameter(MISSING, "m", "diameter of the particle", gt=0, le=0.1)
     restitution: float = parameter(0.7, "-", "particle-particle restitution", gt=0, le=1)
     packing_limit: float = parameter(0.63, "-", "largest solids fraction", gt=0, lt=0.7406)
     friction_limit: float = parameter(

@@ -154,7 +154,7 @@ class Dense:
 
     def __init__(self, scene: Any) -> None:
         self.scene = scene
-        self.section: Section = scene.geometry.section("half")
+        self.section: Section = scene.geometry.section(scene.model.symmetry)
         self.resolution: Resolution = scene.resolution
         if scene.model.gas_wall.resolved:
             self.resolution = self.resolution.with_wall_cell(self.section, scene.wall_offset)

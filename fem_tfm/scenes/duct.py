@@ -129,7 +129,7 @@ class DuctGas:
 
     def __init__(self, scene: Any) -> None:
         self.scene = scene
-        self.section: Section = scene.geometry.section("quarter", scene.wall_offset)
+        self.section: Section = scene.geometry.section(scene.model.symmetry, scene.wall_offset)
         self.resolution: Resolution = scene.resolution
 
     def setup(self) -> Setup:

@@ -68,7 +68,7 @@ class DenseCells:
 
     def __init__(self, scene: Any) -> None:
         self.scene = scene
-        self.section: Section = scene.geometry.section("half")
+        self.section: Section = scene.geometry.section(scene.model.symmetry)
         self.resolution: Resolution = scene.resolution
         if scene.model.gas_wall.resolved:
             self.resolution = self.resolution.with_wall_cell(self.section, scene.wall_offset)
@@ -98,7 +98,7 @@ class Unsteady(Scene):
     """
 
     model: TwoFluid
-    numerics: TimeNumerics = parameter(doc="mesh and solver", key="numerics")
+    numerics: TimeNumerics = parameter(doc="mesh and solver")
     inlet: Inlet = parameter(doc="what enters a line", factory=Inlet)
     initial: Initial = parameter(doc="from where an unsteady flow starts", factory=Initial)
     solution: ClassVar[str] = "unsteady"
