@@ -131,7 +131,7 @@ class Unsteady(Scene):
             gas=model.gas,
             solids=solids,
             closures=model,
-            gravity=self.gravity,
+            gravity=np.array(self.gravity),
             gas_velocity=self.feed.gas_velocity,
             diameter=self.geometry.hydraulic_diameter,
             wall_offset=self.wall_offset,
@@ -192,20 +192,20 @@ class Unsteady(Scene):
         """Put a flow into the initial state."""
         given, cells = self.initial, flow.cells
         if given.state == "rest":
-            flow.start()
+            flow.initialise()
         elif given.state == "bed":
             _, y, s = flow.mesh.straightened(cells.centre).T
             bottom = -self.geometry.size[1] / 2
             top = math.inf if given.bed_height is None else bottom + given.bed_height
             end = math.inf if given.bed_end is None else given.bed_end
             bed = (y < top) & (s >= given.bed_start) & (s < end)
-            flow.start(np.where(bed, given.bed_fraction, 0.0))
+            flow.initialise(np.where(bed, given.bed_fraction, 0.0))
         else:
             feed = self.inflow(0.0)
-            flow.start(feed.solids_fraction)
+            flow.initialise(feed.solids_fraction)
             axis = flow.mesh.axis(cells.centre)
             gas = feed.gas_velocity / (1 - feed.solids_fraction)
-            flow.move(feed.solids_velocity * axis, gas * axis)
+            flow.set_velocities(feed.solids_velocity * axis, gas * axis)
 
     # -- the scene -----------------------------------------------------------------------------
 

@@ -66,7 +66,9 @@ def box(
 def case(mesh: Mesh, changes: Mapping[str, Any] | None = None, alone: bool = False) -> Case:
     """Air and 1 mm grains, or air alone, in a box without friction at its walls."""
     geometry = mesh.section
-    values = {
+    values: dict[str, Any] = {
+        "solution": "unsteady",
+        "numerics": {"end_time": 1.0},
         "geometry": {
             "shape": "duct",
             "width": geometry.width,
@@ -82,7 +84,7 @@ def case(mesh: Mesh, changes: Mapping[str, Any] | None = None, alone: bool = Fal
     }
     if not alone:
         values["solids"] = GRAINS
-        values["operation"]["solids_fraction"] = 0.3
+        values["operation"] |= {"solids_fraction": 0.3, "solids_velocity": 1.0}
     return Case.from_dict(values).with_values(changes or {})
 
 
@@ -90,4 +92,5 @@ def flow(
     mesh: Mesh, changes: Mapping[str, Any] | None = None, alone: bool = False, order: int = 0
 ) -> UnsteadyFlow:
     """The flow of such a case, at rest."""
-    return UnsteadyFlow(case(mesh, {"numerics.order": order, **(changes or {})}, alone), mesh)
+    given = case(mesh, {"numerics.order": order, **(changes or {})}, alone)
+    return UnsteadyFlow(given.scene.problem(), mesh)

@@ -18,7 +18,7 @@ from mpi4py import MPI
 from fem_tfm import Case
 from fem_tfm.fenics import compile_form
 from fem_tfm.geometry.mesh import Mesh, section_mesh
-from fem_tfm.models.two_fluid.forms import Domain, Numerics, State
+from fem_tfm.models.two_fluid.forms import Domain, Stabilisation, State
 from fem_tfm.models.two_fluid.section import TwoFluidSection
 from fem_tfm.scenes.dense import SCHEME, setup_of, step_control
 from fem_tfm.solvers.nested import QUIET, solve_level
@@ -118,7 +118,6 @@ def square(cells: int, degree: int, kind: dmesh.CellType) -> tuple[Any, Domain]:
         normal=ufl.as_vector((n[0], n[1], 0.0)),
         wall_distance=distance(x),
         wall_offset=fem.Constant(mesh, OFFSET),
-        radius=fem.Constant(mesh, RADIUS),
         diameter=fem.Constant(mesh, 2 * RADIUS),
         wall_cell=fem.Constant(mesh, WALL_CELL),
         cell_area=fem.Constant(mesh, WALL_CELL**2),
@@ -135,7 +134,7 @@ def distance(x: Any) -> Any:
     return 0.3 + 0.2 * x[0] * x[1] - 0.1 * x[0] ** 2
 
 
-def plain_numerics(**changes: float) -> Numerics:
+def plain_numerics(**changes: float) -> Stabilisation:
     """Regularisations of order one, so that every term of the forms weighs."""
     values = {
         "alpha_diffusion": 0.1,
@@ -146,6 +145,8 @@ def plain_numerics(**changes: float) -> Numerics:
         "slip_floor": 0.1,
         "grain_gap": 0.0,
         "k_floor": 0.02,
+        "void_fraction": 0.1,
+        "max_frictional_viscosity": 1e30,
         "shear_floor": 0.1,
         "wall_penalty": 3.0,
         "wall_speed": 0.5,
@@ -153,4 +154,4 @@ def plain_numerics(**changes: float) -> Numerics:
         "relaxation": 0.3,
         "smoothing": 0.2,
     }
-    return Numerics(**{**values, **changes})
+    return Stabilisation(**{**values, **changes})

@@ -15,7 +15,7 @@ import numpy as np
 
 from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.materials import Gas, Solids
-from fem_tfm.models.two_fluid.forms import Numerics
+from fem_tfm.models.two_fluid.forms import Stabilisation
 from fem_tfm.models.two_fluid.model import TwoFluid
 
 STEP = 1e-2
@@ -61,7 +61,7 @@ class Strong:
     gas: Gas
     solids: Solids
     closures: TwoFluid
-    numerics: Numerics
+    numerics: Stabilisation
     gravity: np.ndarray
     distance: Field
     offset: float
@@ -102,6 +102,11 @@ class Strong:
         g0 = self.closures.radial.g0(alpha, self.solids)
         kinetic = self.closures.granular.coefficients(
             alpha, theta, g0, self.solids, 2 * self.radius
+        )
+        fade = alpha**2 / (alpha**2 + self.numerics.void_fraction**2)
+        kinetic = kinetic._replace(
+            shear_viscosity=fade * kinetic.shear_viscosity,
+            conductivity=fade * kinetic.conductivity,
         )
         shear = (strain**2).sum((0, 1))
         friction = self.closures.friction.stress(alpha, theta, shear, dilation, self.solids)

@@ -56,7 +56,9 @@ class Cell:
             solids_wall=make("solids-wall", "free-slip"),
             theta=theta,
         )
-        self.numerics = problems.plain_numerics(alpha_diffusion=0.0, theta_floor=0.0)
+        self.numerics = problems.plain_numerics(
+            alpha_diffusion=0.0, theta_floor=0.0, void_fraction=0.0
+        )
         # gas so thin that it neither heats nor cools: 3 beta/gamma is below 1e-12
         model = TwoFluidForms(
             problems.constants(mesh, Gas(1e-12, 1e-20)),

@@ -19,7 +19,7 @@ from strong import Exact, Strong, divergence
 from fem_tfm.fenics import compile_form
 from fem_tfm.materials import Gas, Solids
 from fem_tfm.models.axis import DevelopedAxis
-from fem_tfm.models.two_fluid.forms import Numerics, State, TwoFluidForms
+from fem_tfm.models.two_fluid.forms import Stabilisation, State, TwoFluidForms
 from fem_tfm.models.two_fluid.model import TwoFluid
 from fem_tfm.models.two_fluid.section import TwoFluidSection as Section
 from fem_tfm.scenes.dense import setup_of
@@ -199,7 +199,7 @@ def weight(x: Any) -> Any:
 class Weak:
     """All weak forms at the smooth state, tested with `weight` in one component at a time."""
 
-    def __init__(self, closures: TwoFluid, numerics: Numerics) -> None:
+    def __init__(self, closures: TwoFluid, numerics: Stabilisation) -> None:
         mesh, domain = problems.square(8, 9, CellType.quadrilateral)
         self.switches = [fem.Constant(mesh, 0.0) for _ in COMPONENTS]
         model = TwoFluidForms(

@@ -223,6 +223,7 @@ class Strong:
         speed = np.sqrt((slip**2).sum(0) + self.numerics.slip_floor**2)
         g0 = laws.radial.g0(alpha, SOLIDS)
         kinetic = laws.granular.coefficients(alpha, theta, g0, SOLIDS, 2 * problems.RADIUS)
+        fade = alpha**2 / (alpha**2 + self.numerics.void_fraction**2)
         own = self.rates(u_s, "ln_k_s", "ln_eps_s", problems.distance(x), 1.0, x)
         grains = Grains(
             alpha,
@@ -232,7 +233,7 @@ class Strong:
             speed,
             -(slip * gradient(fraction, x)).sum(0) / alpha,
             SOLIDS,
-            kinetic.shear_viscosity / (alpha * SOLIDS.density),
+            fade * kinetic.shear_viscosity / (alpha * SOLIDS.density),
             own,
         )
         return alpha, slope, eddies, gas, grains

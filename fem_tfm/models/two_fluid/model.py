@@ -41,7 +41,7 @@ UNSTATED = _Unstated("none")
 
 
 @dataclass(frozen=True)
-class Regularisation(Parameters):
+class SectionTerms(Parameters):
     """Small stated terms of a two-fluid section, without which its mesh carries no front."""
 
     alpha_diffusion: float | None = parameter(
@@ -119,8 +119,8 @@ class TwoFluid(Parameters):
         ge=0,
         le=10,
     )
-    regularisation: Regularisation = parameter(
-        doc="small terms of a section's mesh", factory=Regularisation
+    section_terms: SectionTerms = parameter(
+        doc="small terms of a section's mesh", factory=SectionTerms
     )
     flow: ClassVar[str] = "dense"
     # smallest part of a section that stands for the whole: gravity leaves the vertical plane

@@ -23,7 +23,7 @@ from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.materials import Gas, Solids
 from fem_tfm.models import section
 from fem_tfm.models.section import structure
-from fem_tfm.models.two_fluid.forms import Domain, Numerics, State, TwoFluidForms
+from fem_tfm.models.two_fluid.forms import Domain, Stabilisation, State, TwoFluidForms
 from fem_tfm.models.two_fluid.model import TwoFluid
 from fem_tfm.solvers.easing import MeshTerms
 from fem_tfm.solvers.newton import Block, Border
@@ -41,7 +41,7 @@ class Setup:
     """
 
     model: TwoFluid
-    numerics: Numerics
+    numerics: Stabilisation
     gravity: tuple[float, float, float]
     wall_offset: float
     gas_velocity: float
@@ -161,7 +161,6 @@ class TwoFluidSection(section.Section):
             normal=ufl.as_vector((n[0], n[1], 0.0)),
             wall_distance=geometry.wall_distance(x),
             wall_offset=self._constant(self.setup.wall_offset),
-            radius=self._constant(geometry.hydraulic_diameter / 2),
             diameter=self._constant(geometry.hydraulic_diameter),
             wall_cell=1 / ufl.sqrt(ufl.inner(across, across)),
             cell_area=abs(ufl.JacobianDeterminant(mesh)),
