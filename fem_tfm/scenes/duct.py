@@ -40,9 +40,7 @@ from fem_tfm.solvers import nested
 from fem_tfm.solvers.pseudo_time import PseudoTimeControl
 
 # of keys whose default depends on the model
-DEFAULTS = {
-    "numerics.cells": "quadrilateral", "numerics.wall_grading": 0.0625, "inlet.profile": "uniform",
-}  # fmt: skip
+DEFAULTS = {"numerics.cells": "quadrilateral", "numerics.wall_grading": 0.0625}
 # coarsest mesh of the nested iteration, core cell over the hydraulic diameter
 COARSEST = 0.31
 # the EVSS viscosity, the condition on eps at the plane, and the compressibility times U D
