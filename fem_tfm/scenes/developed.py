@@ -332,6 +332,9 @@ register(
         (Pipe, Duct),
         DuctGas,
         DEFAULTS,
-        (*UNREAD, *GAS_UNREAD, "output.stations"),
+        (
+            *UNREAD, *GAS_UNREAD, "output.stations", "operation.outlet_pressure",
+            "heat.wall_temperature",
+        ),  # fmt: skip
     )
 )

@@ -373,7 +373,7 @@ register(
         TwoFluid,
         (Pipe, Duct),
         DenseMarch,
-        {"numerics.cells": "triangle", "inlet.profile": "power-law"},
+        {"numerics.cells": "triangle"},
         UNREAD,
     )
 )
@@ -385,6 +385,6 @@ register(
         (Pipe, Duct),
         DuctMarch,
         DEFAULTS,
-        (*UNREAD, *GAS_UNREAD, "inlet.solids_intensity"),
+        (*UNREAD, *GAS_UNREAD, "inlet.solids_intensity", "inlet.profile"),
     )
 )

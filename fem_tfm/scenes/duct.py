@@ -35,9 +35,7 @@ from fem_tfm.scenes.physics import SectionPhysics, residence_control
 from fem_tfm.solvers import nested
 
 # of keys whose default depends on the model
-DEFAULTS = {
-    "numerics.cells": "quadrilateral", "numerics.wall_grading": 0.0625, "inlet.profile": "uniform",
-}  # fmt: skip
+DEFAULTS = {"numerics.cells": "quadrilateral", "numerics.wall_grading": 0.0625}
 # coarsest mesh of the nested iteration, core cell over the hydraulic diameter
 COARSEST = 0.31
 # the EVSS viscosity, the condition on eps at the plane, and the compressibility times U D
@@ -96,7 +94,7 @@ class DuctGas(SectionPhysics):
     The section begins at the distance of the wall functions.
     """
 
-    part, offsets = "quarter", True
+    offsets = True
     headline = "friction_factor"
     scheme = SCHEME
     columns = COLUMNS

@@ -45,14 +45,12 @@ class Physics:
     resolution : of the mesh
     """
 
-    # part of the section where the shape leaves it open
-    part: ClassVar[str] = "half"
     offsets: ClassVar[bool] = False
 
     def __init__(self, scene: Any) -> None:
         self.scene = scene
         offset = scene.wall_offset if self.offsets else 0.0
-        self.section: Section = scene.geometry.section(self.part, offset)
+        self.section: Section = scene.geometry.section(scene.model.symmetry, offset)
         self.resolution: Resolution = scene.resolution
 
 

@@ -90,7 +90,7 @@ class Unsteady(Scene):
     """
 
     model: TwoFluid
-    numerics: TimeNumerics = parameter(doc="mesh and solver", key="numerics")
+    numerics: TimeNumerics = parameter(doc="mesh and solver")
     inlet: Inlet = parameter(doc="what enters a line", factory=Inlet)
     initial: Initial = parameter(doc="from where an unsteady flow starts", factory=Initial)
     solution: ClassVar[str] = "unsteady"
@@ -128,7 +128,7 @@ class Unsteady(Scene):
             diameter=self.geometry.hydraulic_diameter,
             wall_offset=self.wall_offset,
             grain_gap=model.grain_gap * (solids.diameter if solids else 0.0),
-            inlet_profile=inlet.profile or "power-law",
+            inlet_profile=inlet.profile,
             solids_intensity=inlet.solids_intensity,
             gas_intensity=inlet.gas_intensity,
             length_scale=inlet.length_scale,
@@ -476,7 +476,7 @@ register(
         TwoFluid,
         (Pipe, Duct, Bend),
         DenseCells,
-        {"numerics.cells": "quadrilateral", "inlet.profile": "power-law"},
+        {"numerics.cells": "quadrilateral"},
         (
             "output.stations",
             "numerics.alpha_diffusion",
