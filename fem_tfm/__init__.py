@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from fem_tfm.geometry.shapes import Bend, Duct, Pipe
     from fem_tfm.materials import Gas, Solids
     from fem_tfm.models.reynolds_stress.model import Heat, ReynoldsStress
-    from fem_tfm.models.two_fluid.model import Regularisation, TwoFluid
+    from fem_tfm.models.two_fluid.model import SectionTerms, TwoFluid
     from fem_tfm.operation import Feed, Initial, Inlet
     from fem_tfm.output.result import Result
     from fem_tfm.scenes.developed import Developed
@@ -64,7 +64,7 @@ _HOMES = {
     "Output": "scenes.statement",
     "Pipe": "geometry.shapes",
     "Reference": "scenes.statement",
-    "Regularisation": "models.two_fluid.model",
+    "SectionTerms": "models.two_fluid.model",
     "Resolution": "geometry.resolution",
     "Result": "output.result",
     "ReynoldsStress": "models.reynolds_stress.model",
@@ -92,10 +92,10 @@ __all__ = [
     "Output",
     "Pipe",
     "Reference",
-    "Regularisation",
     "Resolution",
     "Result",
     "ReynoldsStress",
+    "SectionTerms",
     "Solids",
     "SolverError",
     "SteadyNumerics",

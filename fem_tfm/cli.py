@@ -133,10 +133,9 @@ def mesh(options: argparse.Namespace) -> None:
     if Path(options.out).exists() and not options.overwrite:
         raise InputError("--out", options.out, "a new file, or --overwrite")
 
-    from fem_tfm.geometry.files import check_path, write_mesh
+    from fem_tfm.geometry.files import write_mesh
 
-    check_path(options.out)
-    write_mesh(case.scene, options.out)
+    write_mesh(case.scene.mesh_model(), options.out, MPI.COMM_WORLD)
     _say(f"mesh written to {options.out}")
 
 
@@ -168,9 +167,11 @@ def sweep(options: argparse.Namespace) -> int:
     # every combination is tried before the first run, so that a late one cannot spoil the study
     for values in itertools.product(*vary.values()):
         case.with_values(dict(zip(vary, values, strict=True)))
+    from fem_tfm.scenes.recorder import results_directory
+
     out = results_directory(options.out or f"{_results(options.case)}-sweep", options.overwrite)
 
-    from fem_tfm import sweep as study
+    from fem_tfm.study import sweep as study
 
     found = study.run(case, vary, out, options.jobs)
     _say(found)

@@ -10,7 +10,7 @@ from fem_tfm import closures
 
 _LAWS = {law.__name__: law for law in closures.every_law()}
 globals().update(_LAWS)
-__all__ = sorted(_LAWS)  # noqa: PLE0605
+__all__ = sorted(_LAWS)
 
 
 def __getattr__(name: str) -> type[closures.Closure]:

@@ -17,8 +17,9 @@ import numpy as np
 
 from fem_tfm.bench import error
 from fem_tfm.case import Case
+from fem_tfm.flows.unsteady import problem_of
 from fem_tfm.mesh import PipeGeometry, extruded
-from fem_tfm.models.unsteady import Feed, Flow3D
+from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow
 
 DEMO = {
     "title": "filling of the dense pipe, case 3 of Ding et al. (2024)",
@@ -27,7 +28,7 @@ DEMO = {
     "solids": {"density": 1700.0, "diameter": 1.6e-4},
     "operation": {"gas_superficial_velocity": 6.43, "solids_fraction": 0.245},
 }
-FEED = Feed(6.43, 0.245, 6.09)
+INFLOW = Inflow(6.43, 0.245, 6.09)
 # level and layers of some 27, 10 and 2 thousand cells, and of 200 and 100 thousand: the largest
 # first, since only what exceeds the memory of those before shows
 MESHES, LARGE = ((3, 85), (2, 60), (1, 25)), ((3, 625), (3, 313))
@@ -55,14 +56,14 @@ class Cost:
     iterations: dict[str, float]
 
 
-def filled(level: int, layers: int) -> Flow3D:
+def filled(level: int, layers: int) -> UnsteadyFlow:
     """The pipe about to be filled: hardly any grains, both phases at the speed of the feed."""
     case = Case.from_dict(DEMO)
     geometry = PipeGeometry(case.geometry.diameter, "none")
     mesh = extruded(geometry, case.geometry.length, layers, level, cells="quadrilateral", order=1)
-    flow = Flow3D(case, mesh)
-    flow.start(1e-8)
-    flow.move(np.array([0.0, 0.0, 6.09]), np.array([0.0, 0.0, 6.43]))
+    flow = UnsteadyFlow(problem_of(case), mesh)
+    flow.initialise(1e-8)
+    flow.set_velocities(np.array([0.0, 0.0, 6.09]), np.array([0.0, 0.0, 6.43]))
     return flow
 
 
@@ -82,13 +83,13 @@ def measure(level: int, layers: int, steps: int = STEPS) -> Cost:
     before = peak()
     flow = filled(level, layers)
     for _ in range(FIRST):
-        flow.advance(STEP, FEED)
+        flow.advance(STEP, INFLOW)
     cells, iterations, fastest, shortest = flow.mesh.num_cells, dict[str, float](), np.inf, np.inf
     stretch = max(steps // STRETCHES, 1)
     for _ in range(STRETCHES):
         began, since = time.process_time(), time.perf_counter()
         for _ in range(stretch):
-            for name, number in flow.advance(STEP, FEED).iterations.items():
+            for name, number in flow.advance(STEP, INFLOW).iterations.items():
                 share = number / stretch / STRETCHES
                 iterations[name] = iterations.get(name, 0.0) + share
         spent = flow.cells.total(time.process_time() - began)
@@ -110,13 +111,13 @@ def growth(steps: int = LONG) -> float:
     for step in range(steps):
         if step == steps // 10:
             early = peak()
-        flow.advance(STEP, FEED)
+        flow.advance(STEP, INFLOW)
     return peak() - early
 
 
 def table(meshes: Sequence[tuple[int, int]], steps: int) -> str:
     """Measure every mesh, print a line for each and return them."""
-    filled(*LONG_MESH).advance(STEP, FEED)
+    filled(*LONG_MESH).advance(STEP, INFLOW)
     lines = [
         f"{DEMO['title']}, steps of {STEP:g} s",
         "cells  us/cell/step  ms/step  kB/cell  iterations",

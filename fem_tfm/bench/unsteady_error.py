@@ -23,7 +23,7 @@ from fem_tfm.bench.error import tell
 from fem_tfm.case import Case
 from fem_tfm.flows import developing, unsteady
 from fem_tfm.mesh import line
-from fem_tfm.models.unsteady import Flow3D
+from fem_tfm.models.finite_volume import UnsteadyFlow
 from fem_tfm.output.files import on_root, replaced
 from fem_tfm.solvers.time_stepping import TimeStepping
 
@@ -112,7 +112,7 @@ def measure(wall: str, order: int, division: int, end: float = END) -> Measure:
     }
     case = Case.from_dict(PIPE | given)
     began = time.process_time()
-    flow = Flow3D(case, line(case))
+    flow = UnsteadyFlow(unsteady.problem_of(case), line(case))
     stepping = TimeStepping(unsteady.step_control(case), unsteady.milestones(case))
     unsteady.start(case, flow)
     stepped = unsteady.Stepped(case, flow)
@@ -122,7 +122,7 @@ def measure(wall: str, order: int, division: int, end: float = END) -> Measure:
     return Measure(order, flow.mesh.num_cells, stepping.count, spent, means(flow))
 
 
-def means(flow: Flow3D) -> Found:
+def means(flow: UnsteadyFlow) -> Found:
     """What the last part of the line loses, whose outlet has no pressure, and holds."""
     cells, own = flow.cells, flow.line.own
     beyond = flow.mesh.straightened(cells.centre[own])[:, 2] - (LENGTH - COMPARED)

@@ -53,11 +53,16 @@ class Case:
 
     def with_values(self, changes: Mapping[str, Any]) -> Case:
         """Return a case with dotted keys changed; None takes a key back to its default."""
-        values = _copied(self._given)
+        values = self.given
         give_way(values, changes)
         for key, value in changes.items():
             change(values, key, value)
         return Case.from_dict(values)
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """A copy of the nested tables as they were given."""
+        return _copied(self._given)
 
     @cached_property
     def tables(self) -> dict[str, Any]:

@@ -10,6 +10,8 @@ from fem_tfm.errors import InputError
 from fem_tfm.geometry.section import Section
 from fem_tfm.parameters import Parameters, parameter
 
+CELLS = ("triangle", "quadrilateral")
+# thickness of the wall cell over the core cell
 WALL_RATIO = 0.25
 # sizes accepted over the hydraulic diameter, and wall ratios: the smallest make millions of cells
 SMALLEST_SIZE, LARGEST_SIZE, SMALLEST_RATIO = 5e-4, 0.5, 1e-3

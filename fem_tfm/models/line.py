@@ -119,10 +119,10 @@ class Line(ABC):
         """Fields and numbers that belong to a state beside the unknowns of two stations."""
         return {}, {}
 
-    def take_companions(
+    def take_companions(  # noqa: B027
         self, fields: Mapping[str, fem.Function], numbers: Mapping[str, float]
     ) -> None:
-        """Put back what `companions` gave."""
+        """Put back what `companions` gave; a model without any does nothing."""
 
     # -- the march -----------------------------------------------------------------------------
 

@@ -17,7 +17,7 @@ from fem_tfm.geometry.section import Section
 from fem_tfm.models import transfer
 from fem_tfm.models.section import between
 from fem_tfm.models.two_fluid import initial
-from fem_tfm.models.two_fluid.forms import Numerics
+from fem_tfm.models.two_fluid.forms import Stabilisation
 from fem_tfm.models.two_fluid.model import TwoFluid
 from fem_tfm.models.two_fluid.quantities import balances, pressure_gradient, quantities
 from fem_tfm.models.two_fluid.section import Setup, TwoFluidSection
@@ -31,9 +31,9 @@ from fem_tfm.solvers.pseudo_time import PseudoTimeControl
 
 # coarsest mesh of the nested iteration, core cell over the hydraulic diameter
 COARSEST = 0.25
-# regularisations in units of U_g and D; their effect on the pressure gradient is in docs/dense_section.md
-ALPHA_DIFFUSION, SLIP_FLOOR, SHEAR_FLOOR, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 1e-4, 1e-3, 0.1, 1e-8
-WALL_PENALTY, SMOOTHING, SMALLEST_RATE, K_FLOOR = 200.0, 0.05, 1e-4, 2.5e-4
+# regularisations in units of U_g and D; docs/dense_section.md has their effect on the gradient
+ALPHA_DIFFUSION, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 0.1, 1e-8
+WALL_PENALTY, SMOOTHING, SMALLEST_RATE = 200.0, 0.05, 1e-4
 # a state that breaks a balance by more is no answer
 BALANCE_ERROR = 1e-6
 # and one whose gradient the raised terms of the mesh change by a larger share is none either
@@ -81,17 +81,17 @@ COMPILE_TIME, COMPILE_TIME_PER_SCALE = 15, 11
 def setup_of(scene: Any) -> Setup:
     """Numbers of the section that a scene describes."""
     model, speed, width = scene.model, scene.feed.gas_velocity, scene.geometry.hydraulic_diameter
-    given, diffusion = model.regularisation, model.regularisation.alpha_diffusion
-    numerics = Numerics(
+    given, diffusion = model.section_terms, model.section_terms.alpha_diffusion
+    numerics = Stabilisation.scaled(
+        speed,
+        width,
+        model.solids,
+        given.theta_floor,
+        model.grain_gap,
         alpha_diffusion=ALPHA_DIFFUSION * speed * width if diffusion is None else diffusion,
         capture=given.capture,
         damping=given.damping,
         smallest_rate=SMALLEST_RATE * speed / width,
-        theta_floor=given.theta_floor,
-        slip_floor=SLIP_FLOOR * speed,
-        grain_gap=model.grain_gap * (model.solids.diameter if model.solids else 0.0),
-        k_floor=K_FLOOR * speed**2,
-        shear_floor=SHEAR_FLOOR * speed / width,
         wall_penalty=WALL_PENALTY,
         wall_speed=WALL_SPEED * speed,
         pressure_shift=PRESSURE_SHIFT / (width * model.gas.density * speed),
@@ -111,7 +111,7 @@ def setup_of(scene: Any) -> Setup:
 
 def step_control(section: TwoFluidSection, tolerance: float, max_steps: int) -> PseudoTimeControl:
     """Pseudo-time steps scaled by the residence time D/U_g."""
-    unit = section.mesh.geometry.hydraulic_diameter / section.setup.gas_velocity
+    unit = section.mesh.section.hydraulic_diameter / section.setup.gas_velocity
     return PseudoTimeControl(
         first=FIRST_STEP * unit,
         smallest=SMALLEST_STEP * unit,
@@ -373,7 +373,7 @@ def write_section(scene: Any, section: TwoFluidSection, result: Result, out: Pat
 
     def draw() -> None:
         view = SectionView.of_cells(
-            moment.points, moment.cells, moment.kind, section.mesh.geometry.symmetry
+            moment.points, moment.cells, moment.kind, section.mesh.section.symmetry
         )
         values = dict(moment.nodal)
         if "theta" in values:

@@ -13,6 +13,8 @@ import numpy as np
 from mpi4py import MPI
 
 from fem_tfm.errors import InputError, SolverError
+from fem_tfm.geometry.gmsh import GmshModel
+from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.shapes import Duct, Pipe
 from fem_tfm.models.reynolds_stress.model import ReynoldsStress
 from fem_tfm.models.two_fluid.model import TwoFluid
@@ -106,7 +108,11 @@ class Developed(Scene):
         """What the user probably did not mean, one sentence each."""
         return self.physics.advice()
 
-    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Any:
+    def mesh_model(self) -> GmshModel:
+        """The mesh as Gmsh makes it."""
+        return GmshModel(self.physics.section, self.physics.resolution)
+
+    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
         """The finest mesh of the section."""
         return self.physics.meshes(comm)[-1]()
 

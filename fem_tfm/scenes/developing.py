@@ -12,6 +12,8 @@ import numpy as np
 from mpi4py import MPI
 
 from fem_tfm.errors import SolverError
+from fem_tfm.geometry.gmsh import GmshModel
+from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.shapes import Duct, Pipe
 from fem_tfm.models.line import Line
 from fem_tfm.models.reynolds_stress.line import ReynoldsStressLine
@@ -116,7 +118,11 @@ class Developing(Scene):
         """What the user probably did not mean, one sentence each."""
         return self.physics.advice()
 
-    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Any:
+    def mesh_model(self) -> GmshModel:
+        """The mesh as Gmsh makes it."""
+        return GmshModel(self.physics.section, self.physics.resolution)
+
+    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
         """The mesh of the section."""
         return self.physics.meshes(comm)[-1]()
 
@@ -129,7 +135,7 @@ class Developing(Scene):
         given = f"{physics.entering()}; found: pressure along the line"
         return describe(self, physics.line_words, given) | {
             "meshes": f"{1e3 * size:.3g} mm core cells at every station",
-            "stations": f"about {stations} over {self.geometry.length:g} m, more where much changes",
+            "stations": f"about {stations}, more where much changes",
             "finest_mesh": f"{cells} cells, about {unknowns} unknowns",
             "memory": f"about {cost['memory']:.0f} MB",
             "time": time_words(stations * physics.station_time * unknowns, cost["compile"]),
@@ -275,7 +281,7 @@ Physics = DenseMarch | DuctMarch
 
 
 class LineRecorder(Recorder):
-    """What a march tells and keeps while it works: progress, monitor.csv, checkpoint, fields.xdmf."""
+    """What a march tells and keeps: progress, monitor.csv, checkpoint, fields.xdmf."""
 
     def __init__(self, scene: Developing, setting: Setting) -> None:
         self.physics: Physics = scene.physics

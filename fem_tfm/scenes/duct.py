@@ -89,7 +89,7 @@ def step_control(
     section: ReynoldsStressSection, tolerance: float, max_steps: int
 ) -> PseudoTimeControl:
     """Pseudo-time steps scaled by the residence time D/U."""
-    unit = section.mesh.geometry.hydraulic_diameter / section.setup.velocity
+    unit = section.mesh.section.hydraulic_diameter / section.setup.velocity
     return PseudoTimeControl(
         first=FIRST_STEP * unit,
         smallest=SMALLEST_STEP * unit,
@@ -115,7 +115,7 @@ class DuctGas:
 
     Attributes
     ----------
-    section : the part of the section that is solved; it begins at the distance of the wall functions
+    section : the part that is solved; it begins at the distance of the wall functions
     """
 
     headline = "friction_factor"
@@ -365,7 +365,7 @@ def write_section(
 
     def draw() -> None:
         assert out is not None
-        symmetry = found.mesh.geometry.symmetry
+        symmetry = found.mesh.section.symmetry
         view = SectionView.of_cells(moment.points, moment.cells, moment.kind, symmetry)
         write_profiles(out / "profiles.csv", lines, {"s": "-"})
         if scene.output.pictures:

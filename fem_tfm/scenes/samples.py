@@ -13,8 +13,8 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fem_tfm.errors import InputError
+from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.interpolation import Points
-from fem_tfm.mesh import Mesh
 from fem_tfm.output.pictures import plane_picture
 from fem_tfm.output.profiles import Monitor
 

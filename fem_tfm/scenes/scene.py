@@ -18,6 +18,8 @@ import numpy as np
 from mpi4py import MPI
 
 from fem_tfm.errors import InputError, SolverError
+from fem_tfm.geometry.gmsh import GmshModel
+from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.section import Section
 from fem_tfm.geometry.shapes import Shape
@@ -52,7 +54,7 @@ class Scene(Parameters, ABC):
     )
     references: tuple[Reference, ...] = parameter((), doc="published values", key="reference")
     solution: ClassVar[str]
-    # whether an answer tells how it depends on the numbers of its scene: its state is Differentiable
+    # whether the state of an answer is Differentiable
     differentiable: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
@@ -203,8 +205,12 @@ class Scene(Parameters, ABC):
         """What the user probably did not mean, one sentence each."""
 
     @abstractmethod
-    def mesh(self, comm: MPI.Comm) -> Any:
-        """The mesh (the finest, where there are several)."""
+    def mesh_model(self) -> GmshModel:
+        """The mesh as Gmsh makes it (the finest, where there are several)."""
+
+    @abstractmethod
+    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
+        """The mesh (the finest, where there are several); collective."""
 
     def run(
         self,

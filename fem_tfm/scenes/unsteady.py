@@ -19,7 +19,8 @@ from mpi4py import MPI
 
 from fem_tfm import signals
 from fem_tfm.errors import InputError
-from fem_tfm.geometry.mesh import axial_layers, line_cells, line_mesh
+from fem_tfm.geometry.gmsh import GmshModel
+from fem_tfm.geometry.mesh import Mesh, axial_layers, line_cells, line_mesh, line_model
 from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.section import Section
 from fem_tfm.geometry.shapes import Bend, Duct, Pipe
@@ -130,7 +131,7 @@ class Unsteady(Scene):
             gas=model.gas,
             solids=solids,
             closures=model,
-            gravity=self.gravity,
+            gravity=np.array(self.gravity),
             gas_velocity=self.feed.gas_velocity,
             diameter=self.geometry.hydraulic_diameter,
             wall_offset=self.wall_offset,
@@ -191,20 +192,20 @@ class Unsteady(Scene):
         """Put a flow into the initial state."""
         given, cells = self.initial, flow.cells
         if given.state == "rest":
-            flow.start()
+            flow.initialise()
         elif given.state == "bed":
             _, y, s = flow.mesh.straightened(cells.centre).T
             bottom = -self.geometry.size[1] / 2
             top = math.inf if given.bed_height is None else bottom + given.bed_height
             end = math.inf if given.bed_end is None else given.bed_end
             bed = (y < top) & (s >= given.bed_start) & (s < end)
-            flow.start(np.where(bed, given.bed_fraction, 0.0))
+            flow.initialise(np.where(bed, given.bed_fraction, 0.0))
         else:
             feed = self.inflow(0.0)
-            flow.start(feed.solids_fraction)
+            flow.initialise(feed.solids_fraction)
             axis = flow.mesh.axis(cells.centre)
             gas = feed.gas_velocity / (1 - feed.solids_fraction)
-            flow.move(feed.solids_velocity * axis, gas * axis)
+            flow.set_velocities(feed.solids_velocity * axis, gas * axis)
 
     # -- the scene -----------------------------------------------------------------------------
 
@@ -217,7 +218,11 @@ class Unsteady(Scene):
         """What a run tells and keeps while it works."""
         return FlowRecorder(self, setting or Setting())
 
-    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Any:
+    def mesh_model(self) -> GmshModel:
+        """The mesh as Gmsh makes it."""
+        return line_model(*self.physics.line)
+
+    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
         """The mesh of the whole line."""
         return line_mesh(*self.physics.line, comm)
 

@@ -40,7 +40,7 @@ class Level:
 
     section: Any
     history: History
-    pressure_gradient: float
+    drive: float
     compile_seconds: float
     cpu_seconds: float
 
@@ -172,7 +172,7 @@ def _eased(scheme: Scheme, terms: MeshTerms, begin: Callable[[Any], None], secti
     begin(section)
 
 
-def march_of(section: Any, observer: Observer = QUIET) -> Callable[[PseudoTimeControl], PseudoTime]:
+def march_of(section: Any, observer: Observer) -> Callable[[PseudoTimeControl], PseudoTime]:
     """What makes the driver of a section for a step control."""
     return lambda control: _march(section, control, observer)
 

@@ -5,8 +5,8 @@ One solve with the transposed Jacobian gives the derivatives with respect to all
 
     F(W, G, s; p) = 0, c(W; p) = 0   =>   dG/dp = dL/dp,   L = G - v.F - w.c
 
-(v, w) is the adjoint of G; dL/dp is a central difference at a fixed state, which costs two assemblies
-and no solve.
+(v, w) is the adjoint of G; dL/dp is a central difference at a fixed state, which costs two
+assemblies and no solve.
 """
 
 from __future__ import annotations

@@ -68,7 +68,7 @@ def test_what_is_no_number_or_moves_the_mesh_is_refused(upward: Case) -> None:
 
 
 def test_a_gas_section_has_sensitivities_too(root: Path) -> None:
-    """The density counts through the Reynolds number, and as the factor of the kinematic gradient."""
+    """The density counts in the Reynolds number, and as the factor of the kinematic gradient."""
     case, key = Case.load(root / "demos/square_duct/gas.toml", ["numerics.level=1"]), "gas.density"
     answer = solved(case)
     (density,) = sensitivities(case, answer, [key])

@@ -12,9 +12,9 @@ import pytest
 from boxes import AIR, GRAINS, box, flow
 from mpi4py import MPI
 
-from fem_tfm.models.unsteady import Feed, Flow3D, StepFailed
-from fem_tfm.models.unsteady.levels import euler
-from fem_tfm.models.unsteady.state import Sources
+from fem_tfm.models.finite_volume import Inflow, StepFailed, UnsteadyFlow
+from fem_tfm.models.finite_volume.state import Sources
+from fem_tfm.models.finite_volume.time_levels import implicit_euler
 
 R, T = 296.8, 293.0
 SOUND = math.sqrt(R * T)
@@ -30,7 +30,7 @@ def nitrogen(pressure: float, **changes: Any) -> dict[str, Any]:
     }
 
 
-def column(found: Flow3D, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def column(found: UnsteadyFlow, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Places and values of a line of one cell's width, along it."""
     comm, own = MPI.COMM_WORLD, slice(0, found.cells.owned)
     z, values = (np.concatenate(comm.allgather(x[own])) for x in (found.cells.centre[:, 2], values))
@@ -49,7 +49,7 @@ def test_gas_fed_to_a_closed_volume_raises_its_pressure(way: str, order: int) ->
     pressure, speed, length = 1e5, 0.5, 0.2
     mesh = box((0.02, 0.02, length), (2, 2, 10), "ssss" + ("is" if way == "inlet" else "ss"))
     found = flow(mesh, nitrogen(pressure), alone=True, order=order)
-    feed = Feed(speed) if way == "inlet" else Feed(0.0, inside=Sources(gas=speed / length))
+    feed = Inflow(speed) if way == "inlet" else Inflow(0.0, sources=Sources(gas=speed / length))
     rise, steps, dt = pressure * speed / length, 20, 1e-2
     for _ in range(steps):
         found.advance(dt, feed)
@@ -67,12 +67,12 @@ def frequency(cells: int) -> float:
         box((0.1, 0.1, length), (1, 1, cells), "ssssss"), nitrogen(pressure), alone=True, order=1
     )
     shape = np.cos(math.pi * found.cells.centre[:, 2] / length)
-    found.start(p=10.0 * shape)
+    found.initialise(p=10.0 * shape)
     dt = length / cells / SOUND / 2
     weight = shape[: found.cells.owned] * found.line.volume
     times, swings = [0.0], [1.0]
     while times[-1] < 3.4 * length / SOUND:
-        found.advance(dt, Feed(0.0))
+        found.advance(dt, Inflow(0.0))
         times.append(found.time)
         swings.append(found.cells.total(weight * found.now.p[: found.cells.owned]))
     assert found.balances()["gas_mass"] < 1e-12
@@ -103,9 +103,9 @@ def test_gas_expands_along_a_fixed_bed(ratio: float, alpha: float, order: int) -
     found = flow(mesh, nitrogen(outlet * ratio) | fed, order=order)
     # grains that nothing moves
     found.laws.solids = replace(found.solids, density=1e12)
-    found.start(alpha)
+    found.initialise(alpha)
     for _ in range(40):
-        found.advance(2e-2, Feed(speed))
+        found.advance(2e-2, Inflow(speed))
     z, p = column(found, found.now.p)
     flux = found.gas.density * speed
     linear = 150 * found.gas.viscosity * alpha**2 / ((1 - alpha) ** 3 * GRAINS["diameter"] ** 2)
@@ -125,10 +125,10 @@ def test_gas_at_rest_thins_with_height() -> None:
     mesh = box((10.0, 10.0, height), (1, 1, 50), "sssswo")
     found = flow(mesh, nitrogen(1e5, gas_constant=constant) | upright, alone=True)
     for _ in range(100):
-        found.advance(1.0, Feed(0.0))
-    z, density = column(found, found.ideal.relative(found.now.p))
+        found.advance(1.0, Inflow(0.0))
+    z, density = column(found, found.ideal_gas.relative(found.now.p))
     assert density == pytest.approx(np.exp(g * (height - z) / (constant * T)), rel=1e-3)
-    assert np.abs(found.now.total / found.cells.size).max() < 1e-8
+    assert np.abs(found.now.total_flux / found.cells.face_area).max() < 1e-8
 
 
 FILLED = {
@@ -149,16 +149,16 @@ TURBULENT = {
 }
 
 
-def filled(changes: dict[str, Any], order: int, steps: int) -> Flow3D:
+def filled(changes: dict[str, Any], order: int, steps: int) -> UnsteadyFlow:
     """Gas and grains driven into a bed, which then gets gas alone."""
     found = flow(box((0.02, 0.02, 0.1), (3, 3, 10), "wwwwio"), FILLED | changes, order=order)
-    found.start(np.where(found.cells.centre[:, 2] < 0.05, 0.5, 0.01))
+    found.initialise(np.where(found.cells.centre[:, 2] < 0.05, 0.5, 0.01))
     for k in range(steps):
-        feed = Feed(1.5, 0.2, 0.5) if k < steps // 2 else Feed(0.5)
+        feed = Inflow(1.5, 0.2, 0.5) if k < steps // 2 else Inflow(0.5)
         found.advance(5e-4, feed)
         assert max(found.balances().values()) < 1e-12
-        if found.ideal:
-            assert found.cells.largest(-found.ideal.relative(found.now.p)) < 0
+        if found.ideal_gas:
+            assert found.cells.largest(-found.ideal_gas.relative(found.now.p)) < 0
     return found
 
 
@@ -199,8 +199,8 @@ def test_eddies_carry_the_density_of_their_place() -> None:
     k, eps, many = 1.0, 10.0, found.cells.count
     scales = {"k": np.full(many, k), "eps": np.full(many, eps)}
     relative = 1 + found.cells.centre[:, 2]
-    levels = euler(found.line, replace(found.now, scales=scales), 1.0)
-    mu_t = found.turbulence.stir(levels, relative).mu_t
+    levels = implicit_euler(found.line, replace(found.now, scales=scales), 1.0)
+    mu_t = found.turbulence.coefficients(levels, relative).mu_t
     assert mu_t == pytest.approx(found.gas.density * relative * 0.09 * k**2 / eps, rel=1e-3)
 
 
@@ -232,9 +232,9 @@ def test_thick_gas_has_the_drop_of_constant_density_in_a_bed(order: int) -> None
         fed = {"operation.solids_velocity": 1.0}
         found = flow(box((0.02, 0.02, 0.1), (1, 1, 10)), gas | fed, order=order)
         found.laws.solids = replace(found.solids, density=1e12)
-        found.start(0.6)
+        found.initialise(0.6)
         for _ in range(60):
-            found.advance(1e-3, Feed(1.0))
+            found.advance(1e-3, Inflow(1.0))
         return found.quantities()["pressure_drop"]
 
     constant = drop({})
@@ -250,7 +250,7 @@ def test_a_state_of_the_gas_goes_on_bit_for_bit(order: int) -> None:
     other.restore(found.state())
     for one in (found, other):
         for _ in range(6):
-            one.advance(5e-4, Feed(0.5))
+            one.advance(5e-4, Inflow(0.5))
     assert found.balances() == other.balances()
     expected = other.state()
     for name, values in found.state().items():
@@ -260,5 +260,5 @@ def test_a_state_of_the_gas_goes_on_bit_for_bit(order: int) -> None:
 def test_a_gas_that_is_sucked_empty_fails_the_step() -> None:
     found = flow(box((0.02, 0.02, 0.1), (2, 2, 5), "ssssss"), nitrogen(1e5), alone=True)
     with pytest.raises(StepFailed, match="the density of the gas is not positive"):
-        found.advance(1.0, Feed(0.0, inside=Sources(gas=-2.0)))
-    assert found.advance(0.1, Feed(0.0, inside=Sources(gas=-2.0))).mass_error < 1e-12
+        found.advance(1.0, Inflow(0.0, sources=Sources(gas=-2.0)))
+    assert found.advance(0.1, Inflow(0.0, sources=Sources(gas=-2.0))).mass_error < 1e-12

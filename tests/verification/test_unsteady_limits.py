@@ -15,9 +15,14 @@ from scipy.optimize import brentq
 
 from fem_tfm.closures import make
 from fem_tfm.materials import Gas
-from fem_tfm.models.unsteady import Feed, Flow3D
-from fem_tfm.models.unsteady.levels import euler
-from fem_tfm.models.unsteady.state import SMALLEST_FRACTION, SMALLEST_THETA, Moved, Rates
+from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow
+from fem_tfm.models.finite_volume.state import (
+    SMALLEST_FRACTION,
+    SMALLEST_THETA,
+    SolidsDeformation,
+    SolidsTransport,
+)
+from fem_tfm.models.finite_volume.time_levels import implicit_euler
 
 G = 9.81
 UPRIGHT = {"geometry.inclination_deg": 90.0, "operation.gravity": G}
@@ -25,21 +30,21 @@ UPRIGHT = {"geometry.inclination_deg": 90.0, "operation.gravity": G}
 VACUUM = {"gas.density": 1e-10, "gas.viscosity": 1e-18, "closures.drag": "wen-yu"}
 
 
-def owned(found: Flow3D, values: np.ndarray) -> np.ndarray:
+def owned(found: UnsteadyFlow, values: np.ndarray) -> np.ndarray:
     """What the cells of all ranks hold, along the first axis."""
     return np.concatenate(MPI.COMM_WORLD.allgather(values[: found.cells.owned]))
 
 
-def line(found: Flow3D, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def line(found: UnsteadyFlow, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Heights and values of a column of one cell's width, upwards."""
     z, values = owned(found, found.cells.centre)[:, 2], owned(found, values)
     order = np.argsort(z)
     return z[order], values[order]
 
 
-def drag_of(found: Flow3D, alpha: float, slip: float) -> float:
+def drag_of(found: UnsteadyFlow, alpha: float, slip: float) -> float:
     """beta [kg/m3/s] of the case's law."""
-    return found.case.closures.drag.beta(alpha, slip, found.gas, found.solids)
+    return found.problem.closures.drag.beta(alpha, slip, found.gas, found.solids)
 
 
 @pytest.fixture(params=[0, 1], ids=["order0", "order1"])
@@ -60,9 +65,9 @@ def test_gas_between_plates_has_the_profile_of_poiseuille(order: int) -> None:
         alone=True,
         order=order,
     )
-    found.move(np.zeros(3), np.array([0.0, 0.0, speed]))
+    found.set_velocities(np.zeros(3), np.array([0.0, 0.0, speed]))
     for _ in range(60):
-        found.advance(1e-3, Feed(speed))
+        found.advance(1e-3, Inflow(speed))
     centre, p = owned(found, found.cells.centre), owned(found, found.now.p)
     layers = [np.isclose(centre[:, 2], (i + 0.5) * mesh.length / 10) for i in (4, 5)]
     gradient = (p[layers[0]].mean() - p[layers[1]].mean()) / (mesh.length / 10)
@@ -86,10 +91,10 @@ def test_turbulent_gas_between_plates_feels_the_wall_alike_on_every_mesh(layers:
         },
         alone=True,
     )
-    found.move(np.zeros(3), np.array([0.0, 0.0, speed]))
+    found.set_velocities(np.zeros(3), np.array([0.0, 0.0, speed]))
     # steps a hundred times as long as the gas takes to even out across the finest layer
     for _ in range(40):
-        found.advance(0.02, Feed(speed))
+        found.advance(0.02, Inflow(speed))
     centre, p = owned(found, found.cells.centre)[:, 2], owned(found, found.now.p)
     means = [p[np.isclose(centre, (i + 0.5) * length / 10)].mean() for i in (7, 8)]
     gradient = (means[0] - means[1]) / (length / 10)
@@ -123,16 +128,16 @@ def test_a_vortex_in_a_box_dies_as_its_sides_bear_it(
     size, viscosity, cells = 0.01, 1e-2, 16
     mesh = box((size, size, size / cells), (cells, cells, 1), f"{4 * sides}ss")
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    points = mesh.mesh.geometry.x
+    points = mesh.mesh.section.x
     points[:, :2] = points[:, :2] @ turn.T
     found = flow(mesh, {"gas": {"density": 1.0, "viscosity": viscosity}}, alone=True, order=order)
     k = math.pi / size
     x, y = k * (found.cells.centre[:, :2] @ turn).T
     u = 1e-3 * np.stack([np.cos(x) * np.sin(y), -np.sin(x) * np.cos(y)], axis=1) @ turn.T
-    found.move(np.zeros(3), np.pad(u, ((0, 0), (0, 1))))
+    found.set_velocities(np.zeros(3), np.pad(u, ((0, 0), (0, 1))))
     rate, sizes = 2 * viscosity * k**2, []
     for _ in range(15):
-        found.advance(step / rate, Feed(0.0))
+        found.advance(step / rate, Inflow(0.0))
         sizes.append(np.linalg.norm(owned(found, found.now.u_g)))
     # Euler's step divides by 1 + rate dt
     wanted = 10 * (step if order else math.log1p(step))
@@ -143,14 +148,14 @@ def test_grains_that_spread_along_a_side_are_not_drawn_to_it() -> None:
     """u_z = s z has the same normal stress (bulk - 2/3 mu) s everywhere across."""
     rate, dt, alpha = 10.0, 1e-5, 0.3
     found = flow(box((0.01, 0.01, 0.05), (4, 4, 10), "swswio"), VACUUM)
-    found.start(alpha, theta=1.0)
+    found.initialise(alpha, theta=1.0)
     u_s, u_g = np.zeros((2, found.cells.count, 3))
     u_s[:, 2] = rate * found.cells.centre[:, 2]
     u_g[:, 2] = 1.0 - alpha / (1 - alpha) * u_s[:, 2]
-    found.move(u_s, u_g)
+    found.set_velocities(u_s, u_g)
     kinetic = found.laws.kinetic(found.now.alpha, found.now.theta)[1]
     stress = rate * (kinetic.bulk_viscosity - 2 / 3 * kinetic.shear_viscosity)
-    found.advance(dt, Feed(1.0, alpha, 1e-6))
+    found.advance(dt, Inflow(1.0, alpha, 1e-6))
     pulled = np.abs(stress).max() * dt / (alpha * GRAINS["density"] * 0.01 / 4)
     middle = np.abs(found.cells.centre[:, 2] - 0.025) < 0.01
     assert np.abs(found.now.u_s[middle, :2]).max() < 0.05 * pulled
@@ -160,9 +165,9 @@ def test_grains_that_spread_along_a_side_are_not_drawn_to_it() -> None:
 def test_gas_through_a_fixed_bed_loses_what_ergun_says(speed: float, order: int) -> None:
     # grains too heavy to be moved within the run
     found = flow(box((0.02, 0.02, 0.1), (1, 1, 10)), {"solids.density": 25000.0}, order=order)
-    found.start(0.6)
+    found.initialise(0.6)
     for _ in range(3):
-        found.advance(1e-6, Feed(speed, blocked=True))
+        found.advance(1e-6, Inflow(speed, blocked=True))
     z, p = line(found, found.now.p)
     beta = drag_of(found, 0.6, speed / 0.4)
     assert -np.polyfit(z, p, 1)[0] == pytest.approx(beta * speed / 0.4**2, rel=1e-3)
@@ -174,10 +179,10 @@ def test_long_steps_find_the_drop_of_a_fixed_bed(order: int) -> None:
     found = flow(box((0.02, 0.02, length), (1, 1, cells)), order=order)
     # grains that nothing moves
     found.laws.solids = replace(found.solids, density=1e12)
-    found.start(alpha)
+    found.initialise(alpha)
     drops = []
     for _ in range(40):
-        found.advance(2e-2, Feed(speed))
+        found.advance(2e-2, Inflow(speed))
         drops.append(found.quantities()["pressure_drop"])
     gradient = drag_of(found, alpha, speed / (1 - alpha)) * speed / (1 - alpha) ** 2
     # from the centre of the first cell
@@ -191,10 +196,10 @@ def test_a_bed_is_lifted_from_the_minimum_fluidisation_velocity_on(order: int) -
 
     def lift(speed: float) -> float:
         """Acceleration of the middle of a bed that is let go."""
-        found.start(0.6)
+        found.initialise(0.6)
         u = []
         for _ in range(6):
-            found.advance(1e-5, Feed(speed))
+            found.advance(1e-5, Inflow(speed))
             u.append(line(found, found.now.u_s[:, 2])[1][5])
         # the first step sets the gas in motion
         return u[-1] - u[1]
@@ -208,13 +213,13 @@ def test_grains_settle_at_their_terminal_velocity(alpha: float, step: float, ord
     speed = 1.0
     changes = {**UPRIGHT, "solids.diameter": 1e-4, "closures.drag": "wen-yu"}
     found = flow(box((1.0, 1.0, 20.0), (1, 1, 10)), changes, order=order)
-    found.start(alpha)
+    found.initialise(alpha)
     # gas and grains share the flux that enters from the start
-    found.move(np.array([0, 0, speed]), np.array([0, 0, speed]))
+    found.set_velocities(np.array([0, 0, speed]), np.array([0, 0, speed]))
     weight = alpha * (1 - alpha) * (GRAINS["density"] - AIR["density"]) * G
     slip = brentq(lambda u: drag_of(found, alpha, u) * u - weight, 1e-6, 10)
     settling = speed - (1 - alpha) * slip
-    feed = Feed((speed - alpha * settling), alpha, settling)
+    feed = Inflow((speed - alpha * settling), alpha, settling)
     dt = step * alpha * GRAINS["density"] / drag_of(found, alpha, slip)
     for _ in range(40):
         found.advance(dt, feed)
@@ -226,11 +231,11 @@ def test_grains_settle_at_their_terminal_velocity(alpha: float, step: float, ord
 def test_a_settled_column_rests_on_its_own_pressure(dt: float, steps: int, order: int) -> None:
     changes = {**UPRIGHT, "closures.friction": "berzi", "operation.gas_superficial_velocity": 0.1}
     found = flow(box((0.01, 0.01, 0.1), (1, 1, 20), "sssswo"), changes, order=order)
-    found.start(np.where(found.cells.centre[:, 2] < 0.05, 0.55, 0.0))
+    found.initialise(np.where(found.cells.centre[:, 2] < 0.05, 0.55, 0.0))
     for _ in range(steps):
-        found.advance(dt, Feed(0.0))
+        found.advance(dt, Inflow(0.0))
     alpha = line(found, found.now.alpha)[1]
-    p_s = found.laws.solids_pressure(found.now.alpha, found.now.theta, found.rates(found.now))
+    p_s = found.laws.solids_pressure(found.now.alpha, found.now.theta, found.deformation(found.now))
     p_s, u = line(found, p_s)[1], line(found, found.now.u_s[:, 2])[1]
     above = np.cumsum(alpha[::-1])[::-1] - alpha / 2
     weight = (GRAINS["density"] - AIR["density"]) * G * 0.005 * above
@@ -239,7 +244,7 @@ def test_a_settled_column_rests_on_its_own_pressure(dt: float, steps: int, order
     assert np.abs(u[:5]).max() < 1e-3
 
 
-def column(cells: int, order: int = 0, friction: str = "berzi") -> Flow3D:
+def column(cells: int, order: int = 0, friction: str = "berzi") -> UnsteadyFlow:
     """An empty column, closed below, of twice the cells that are to be filled."""
     changes = {**UPRIGHT, "closures.friction": friction}
     changes["operation.gas_superficial_velocity"] = 0.1
@@ -247,10 +252,10 @@ def column(cells: int, order: int = 0, friction: str = "berzi") -> Flow3D:
     return flow(mesh, changes, order=order)
 
 
-def hydrostatic(found: Flow3D, cells: int, surface: float) -> np.ndarray:
+def hydrostatic(found: UnsteadyFlow, cells: int, surface: float) -> np.ndarray:
     """Solids fractions whose pressure bears what lies above the centre of each cell."""
     heavy = (GRAINS["density"] - AIR["density"]) * G * found.mesh.length / (2 * cells)
-    rest = Rates(np.zeros((1, 3, 3)), np.zeros(1), np.zeros(1))
+    rest = SolidsDeformation(np.zeros((1, 3, 3)), np.zeros(1), np.zeros(1))
 
     def pressure(alpha: float) -> float:
         theta = np.full(1, SMALLEST_THETA)
@@ -268,11 +273,11 @@ def hydrostatic(found: Flow3D, cells: int, surface: float) -> np.ndarray:
     return np.concatenate([fractions, np.zeros(cells)])[layer]
 
 
-def fastest(found: Flow3D, dt: float, time: float) -> float:
+def fastest(found: UnsteadyFlow, dt: float, time: float) -> float:
     """Largest speed of either phase in any cell while `time` passes [m/s]."""
     speed = 0.0
     for _ in range(round(time / dt)):
-        found.advance(dt, Feed(0.0))
+        found.advance(dt, Inflow(0.0))
         # what a void lacks of the smallest fraction is not there to move
         solids = found.now.u_s[found.now.alpha > SMALLEST_FRACTION]
         speed = max(speed, *(found.cells.largest(abs(u)) for u in (solids, found.now.u_g)))
@@ -283,7 +288,7 @@ def fastest(found: Flow3D, dt: float, time: float) -> float:
 @pytest.mark.parametrize("cells", [8, 24])
 def test_a_column_at_rest_stays_at_rest(cells: int, dt: float, surface: float, order: int) -> None:
     found = column(cells, order)
-    found.start(hydrostatic(found, cells, surface))
+    found.initialise(hydrostatic(found, cells, surface))
     assert fastest(found, dt, 0.15) < 1e-6
 
 
@@ -292,7 +297,7 @@ def test_a_column_at_rest_stays_at_rest(cells: int, dt: float, surface: float, o
 @pytest.mark.parametrize("cells", [8, 24])
 def test_a_column_at_rest_stays_so_for_a_second(cells: int, dt: float, order: int) -> None:
     found = column(cells, order)
-    found.start(hydrostatic(found, cells, 0.3))
+    found.initialise(hydrostatic(found, cells, 0.3))
     assert fastest(found, dt, 1.0) < 1e-6
 
 
@@ -301,7 +306,7 @@ def test_a_column_at_rest_stays_so_for_a_second(cells: int, dt: float, order: in
 def test_a_column_comes_to_rest(dt: float) -> None:
     found = column(8)
     height = found.cells.centre[:, 2] / found.mesh.length
-    found.start(np.where(height < 0.5, 0.55, 0.0))
+    found.initialise(np.where(height < 0.5, 0.55, 0.0))
     fastest(found, dt, 6.0)
     assert fastest(found, dt, 1.0) < 1e-6
 
@@ -311,12 +316,12 @@ def cooled(e: float, alpha: float, steps: int, order: int = 0) -> float:
     changes = {**VACUUM, "solids.restitution": e, "closures.radial": "carnahan-starling"}
     found = flow(box((0.01, 0.01, 0.01), (2, 2, 2), "ssssss"), changes, order=order)
     theta = 0.01
-    found.start(alpha, theta)
+    found.initialise(alpha, theta)
     g0 = (1 - alpha / 2) / (1 - alpha) ** 3
     rate = 8 * (1 - e**2) * g0 * alpha / (GRAINS["diameter"] * math.sqrt(math.pi))
     time = 2 / (rate * math.sqrt(theta))
     for _ in range(steps):
-        found.advance(2 * time / steps, Feed(0.0))
+        found.advance(2 * time / steps, Inflow(0.0))
     assert np.ptp(found.now.theta) < 1e-9 * theta
     return float(found.now.theta[0]) * (1 + 2.0) ** 2 / theta
 
@@ -342,15 +347,20 @@ def test_sheared_grains_reach_the_temperature_of_the_closed_form(
     changes = {**VACUUM, "solids.restitution": e, "closures.radial": "carnahan-starling"}
     found = flow(box((0.01, 0.01, 0.01), (3, 3, 3), "ssssss"), changes)
     scale = (GRAINS["diameter"] * shear) ** 2
-    found.start(alpha, scale)
+    found.initialise(alpha, scale)
     u_s = np.zeros_like(found.now.u_s)
     u_s[:, 2] = shear * found.cells.centre[:, 1]
-    still, rest = np.zeros(found.cells.faces), np.zeros(found.cells.count)
+    still, rest = np.zeros(found.cells.face_count), np.zeros(found.cells.count)
     for _ in range(300):
         moving = replace(found.now, u_s=u_s, u_g=u_s)
-        moved, rates = Moved(moving.alpha, still, still, rest, rest, rest), found.rates(moving)
-        levels = euler(found.line, moving, 5e-3, found.solids.packing_limit)
-        theta = found.agitation.warm(moving, rest, levels, moving, moved, rates, Feed(0.0), {})
+        transported, rates = (
+            SolidsTransport(moving.alpha, still, still, rest, rest, rest),
+            found.deformation(moving),
+        )
+        levels = implicit_euler(found.line, moving, 5e-3, found.solids.packing_limit)
+        theta = found.temperature.solve(
+            moving, rest, levels, moving, transported, rates, Inflow(0.0), {}
+        )
         found.now = replace(found.now, theta=theta)
     assert found.now.theta == pytest.approx(wanted * scale, rel=0.01)
 
@@ -361,7 +371,7 @@ def test_gas_without_grains_flows_as_gas_alone(order: int) -> None:
     both, alone = (flow(mesh, changes, alone, order) for alone in (False, True))
     for _ in range(20):
         for found in (both, alone):
-            found.advance(2e-3, Feed(1.0))
+            found.advance(2e-3, Inflow(1.0))
     assert both.now.u_g == pytest.approx(alone.now.u_g, abs=1e-5)
     assert both.now.p == pytest.approx(alone.now.p, abs=1e-5 * np.abs(alone.now.p).max())
 
@@ -371,21 +381,21 @@ def test_walls_slow_grains_as_their_law_says(law: str) -> None:
     # a slice of grains without gas between four walls: the drop of its momentum is the traction
     size, dt, alpha, speed = 0.01, 1e-5, 0.3, 1.0
     found = flow(box((size, size, size), (1, 1, 2), "wwwwoo"), {**VACUUM, "walls.solids": law})
-    found.start(alpha, 0.01)
+    found.initialise(alpha, 0.01)
     u = np.array([0.0, 0.0, speed])
     found.now = replace(found.now, u_s=np.broadcast_to(u, found.now.u_s.shape).copy())
     now, laws, edge = found.now, found.laws, found.cells.first[found.line.wall]
-    rates, rest = found.rates(now), np.zeros(found.cells.count)
+    rates, rest = found.deformation(now), np.zeros(found.cells.count)
     slip = laws.slip(now.u_s[edge], found.line.normal[found.line.wall])
     assert slip == pytest.approx(speed)
     grains = laws.grains(now.alpha, now.theta, rates)
     state = laws.wall_state(now.alpha, now.theta, grains, slip, edge)
     friction = np.ravel(make("solids-wall", law).friction(state, found.solids))[0]
     rate = 4 * friction / (GRAINS["density"] * alpha * size)
-    still = np.zeros(found.cells.faces)
-    moved = Moved(now.alpha, still, still, rest, now.p, rest)
-    levels = euler(found.line, now, dt, found.solids.packing_limit)
-    phases = found.momenta.phases(now, levels, now, moved, rates)
+    still = np.zeros(found.cells.face_count)
+    transported = SolidsTransport(now.alpha, still, still, rest, now.p, rest)
+    levels = implicit_euler(found.line, now, dt, found.solids.packing_limit)
+    phases = found.momentum.phases(now, levels, now, transported, rates)
     forces = [np.zeros_like(now.u_s)] * 2
-    guess = found.momenta.solve(phases, rest, forces, levels, Feed(0.0), {})
+    guess = found.momentum.solve(phases, rest, forces, levels, Inflow(0.0), {})
     assert guess[0][:, 2] == pytest.approx(speed / (1 + rate * dt), rel=1e-6)

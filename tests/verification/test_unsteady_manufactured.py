@@ -12,7 +12,7 @@ import pytest
 from boxes import box, flow
 from unsteady_strong import Exact, Strong
 
-from fem_tfm.models.unsteady import Feed, Flow3D
+from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow
 
 # a box of 1 m, flows of 1 m/s, and numbers for which every term counts
 SCENE: dict[str, Any] = {
@@ -76,30 +76,30 @@ def exact(axes: tuple[int, ...]) -> Exact:
 FLAT, DEEP = exact((1, 2)), exact((0, 1, 2))
 
 
-def run(wanted: Exact, number: int, steps: int, order: int = 1) -> Flow3D:
+def run(wanted: Exact, number: int, steps: int, order: int = 1) -> UnsteadyFlow:
     """From the exact state at time 0 to `END` in a closed box, with the sources that it takes."""
     across = number if 0 in wanted.axes else 1
     lengths = (1.0, 1.0, 1.0) if across > 1 else (1 / number, 1.0, 1.0)
     found = flow(box(lengths, (across, number, number), "ssssss"), SCENE, order=order)
-    strong, x = Strong(found.case, wanted), found.cells.centre.T
-    found.start(wanted.alpha(x, 0.0))
+    strong, x = Strong(found.problem, wanted), found.cells.centre.T
+    found.initialise(wanted.alpha(x, 0.0))
     found.now = replace(found.now, theta=wanted.theta(x, 0.0), p=wanted.p(x, 0.0))
-    found.move(wanted.u_s(x, 0.0).T, wanted.u_g(x, 0.0).T)
+    found.set_velocities(wanted.u_s(x, 0.0).T, wanted.u_g(x, 0.0).T)
     own, dt = x[:, : found.cells.owned], END / steps
     for k in range(steps):
-        found.advance(dt, Feed(1.0, inside=strong.sources(own, (k + 1) * dt)))
+        found.advance(dt, Inflow(1.0, sources=strong.sources(own, (k + 1) * dt)))
     assert max(found.balances().values()) < 1e-12
     return found
 
 
-def size(found: Flow3D, values: np.ndarray) -> float:
+def size(found: UnsteadyFlow, values: np.ndarray) -> float:
     """L2 norm over the box."""
     volume = found.line.volume
     weight = volume if values.ndim == 1 else volume[:, None]
     return found.cells.total(weight * values**2) ** 0.5
 
 
-def fields(found: Flow3D) -> dict[str, np.ndarray]:
+def fields(found: UnsteadyFlow) -> dict[str, np.ndarray]:
     """Fields over the owned cells; the pressure is known but for a constant."""
     cells = found.cells
     values = {name: getattr(found.now, name)[: cells.owned] for name in FIELDS}
@@ -107,7 +107,7 @@ def fields(found: Flow3D) -> dict[str, np.ndarray]:
     return values | {"p": values["p"] - mean}
 
 
-def errors(found: Flow3D, wanted: Exact) -> dict[str, float]:
+def errors(found: UnsteadyFlow, wanted: Exact) -> dict[str, float]:
     """L2 errors over the size of each field."""
     x = found.cells.centre.T[:, : found.cells.owned]
     result = {}

@@ -10,7 +10,7 @@ import pytest
 from boxes import box, flow
 from dolfinx.mesh import CellType
 
-from fem_tfm.models.unsteady import Feed, Flow3D, StepFailed
+from fem_tfm.models.finite_volume import Inflow, StepFailed, UnsteadyFlow
 
 MESH = ((0.01, 0.01, 0.1), (4, 4, 20))
 CONVEYING: dict[str, Any] = {
@@ -24,7 +24,7 @@ CONVEYING: dict[str, Any] = {
     "walls.gas": "log-law",
     "walls.solids": "schneiderbauer",
 }
-FEED = Feed(6.43, 0.245, 6.09)
+FEED = Inflow(6.43, 0.245, 6.09)
 AXIS = np.array([0.0, 0.0, 1.0])
 
 
@@ -38,16 +38,16 @@ def conveying(
     changes: dict[str, Any] | None = None,
     shear_deg: float = 0.0,
     kind: CellType = CellType.hexahedron,
-) -> Flow3D:
+) -> UnsteadyFlow:
     """Grains about to be fed into a duct of flowing gas."""
     mesh = box(*MESH, "wwwwio", kind, shear_deg)
     found = flow(mesh, {**CONVEYING, **(changes or {})}, order=order)
-    found.start(1e-8)
-    found.move(6.09 * AXIS, 6.43 * AXIS)
+    found.initialise(1e-8)
+    found.set_velocities(6.09 * AXIS, 6.43 * AXIS)
     return found
 
 
-def run(found: Flow3D, dt: float, steps: int, feed: Feed) -> float:
+def run(found: UnsteadyFlow, dt: float, steps: int, feed: Inflow) -> float:
     """Advance, holding every step to mass and bounds; the largest Courant number."""
     courant = 0.0
     for _ in range(steps):
@@ -72,16 +72,16 @@ def test_a_front_enters_an_empty_duct(order: int, dt: float) -> None:
 @pytest.mark.parametrize("friction", ["dartevelle", "srivastava-sundaresan", "johnson-jackson"])
 def test_every_friction_carries_a_bed_under_gas(order: int, friction: str) -> None:
     found = conveying(order, {"closures.friction": friction})
-    found.start(np.where(found.cells.centre[:, 1] < -0.0025, 0.6, 1e-8))
-    run(found, 5e-4, 20, Feed(6.43))
+    found.initialise(np.where(found.cells.centre[:, 1] < -0.0025, 0.6, 1e-8))
+    run(found, 5e-4, 20, Inflow(6.43))
 
 
 def test_a_plug_is_hit_by_gas(order: int) -> None:
     found = conveying(order)
     z = found.cells.centre[:, 2]
-    found.start(np.where((z > 0.03) & (z < 0.05), 0.6, 1e-8))
-    found.move(1.0 * AXIS, 6.0 * AXIS)
-    run(found, 2e-4, 40, Feed(6.0))
+    found.initialise(np.where((z > 0.03) & (z < 0.05), 0.6, 1e-8))
+    found.set_velocities(1.0 * AXIS, 6.0 * AXIS)
+    run(found, 2e-4, 40, Inflow(6.0))
 
 
 @pytest.mark.parametrize("gas", ["constant", "ideal"])
@@ -106,23 +106,23 @@ def test_gas_sweeps_a_bed_without_driving_either_phase_out(
         "operation.solids_velocity": speed,
     }
     found = flow(box((0.02, 0.02, 1.0), (2, 2, 40), "wwwwio"), changes, order=order)
-    found.start(np.where(found.cells.centre[:, 1] < 0, 0.4, 0.0))
+    found.initialise(np.where(found.cells.centre[:, 1] < 0, 0.4, 0.0))
     for _ in range(round(0.3 / dt)):
-        run(found, dt, 1, Feed(speed))
+        run(found, dt, 1, Inflow(speed))
         assert max(np.abs(found.now.u_s).max(), np.abs(found.now.u_g).max()) < 5 * speed
 
 
 @pytest.mark.parametrize("dt", [2e-4, 1e-3])
 def test_a_blocked_outlet_packs_the_duct(order: int, dt: float) -> None:
     found = conveying(order)
-    found.move(0.6 * AXIS, 0.6 * AXIS)
-    run(found, dt, round(0.1 / dt), Feed(0.6, 0.3, 0.6, blocked=True))
+    found.set_velocities(0.6 * AXIS, 0.6 * AXIS)
+    run(found, dt, round(0.1 / dt), Inflow(0.6, 0.3, 0.6, blocked=True))
     assert found.now.alpha.max() > 0.5
 
 
 def test_a_step_of_ten_drag_times_lets_fine_grains_follow_the_gas(order: int) -> None:
     found = conveying(order, {"solids.diameter": 2e-5})
-    drag = found.case.closures.drag
+    drag = found.problem.closures.drag
     beta = drag.beta(0.2, 1e-3, found.gas, found.solids)
     dt = 10 * 0.2 * found.solids.density / beta
     run(found, dt, 40, FEED)
@@ -135,11 +135,11 @@ def test_a_step_of_ten_drag_times_lets_fine_grains_follow_the_gas(order: int) ->
 def test_what_is_closed_lets_no_solids_pass(order: int) -> None:
     """Neither a feed that stops nor an outlet that is blocked goes on for a step."""
     found = conveying(order)
-    found.start(0.3)
-    found.move(6.09 * AXIS, 6.43 * AXIS)
+    found.initialise(0.3)
+    found.set_velocities(6.09 * AXIS, 6.43 * AXIS)
     run(found, 1e-4, 4, FEED)
     before = found.quantities()["holdup"]
-    run(found, 1e-4, 1, Feed(6.43, blocked=True))
+    run(found, 1e-4, 1, Inflow(6.43, blocked=True))
     assert found.quantities()["holdup"] == pytest.approx(before, rel=1e-12)
 
 
@@ -162,7 +162,7 @@ def test_a_failed_step_changes_nothing(order: int) -> None:
     run(found, 1e-4, 3, FEED)
     now, time = found.now, found.time
     with pytest.raises(StepFailed):
-        found.advance(1e-4, Feed(6.43, 0.245, float("nan")))
+        found.advance(1e-4, Inflow(6.43, 0.245, float("nan")))
     assert found.now is now and found.time == time
     run(found, 1e-4, 1, FEED)
 

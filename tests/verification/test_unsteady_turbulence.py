@@ -16,10 +16,9 @@ from test_unsteady_limits import UPRIGHT, G, drag_of, line, owned
 from test_unsteady_robustness import AXIS, CONVEYING, FEED, conveying, run
 
 from fem_tfm import Case
-from fem_tfm.mesh import line as line_of
-from fem_tfm.models.unsteady import Feed, Flow3D
-from fem_tfm.models.unsteady.levels import Levels, euler
-from fem_tfm.models.unsteady.state import SMALLEST_FRACTION, Stirred
+from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow
+from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, TurbulenceCoefficients
+from fem_tfm.models.finite_volume.time_levels import TimeLevels, implicit_euler
 
 FOUR = {"closures.turbulence": "realizable-4eq", "closures.dispersion": "burns"}
 SIMONIN = {
@@ -35,6 +34,8 @@ NORMAL = {
     "closures.dispersed": {"model": "k-epsilon", "normal_stress": 1.0},
 }
 CONVEYING_FOUR = {**CONVEYING, **FOUR}
+# along the pipe
+AXIAL_CELLS = 50
 LAWS = {"four": FOUR, "simonin": SIMONIN, "drift": DRIFT, "normal-stress": NORMAL}
 
 
@@ -55,7 +56,7 @@ def decayed(dt: float, steps: int, order: int) -> tuple[dict[str, np.ndarray], d
     scales = {"k": np.full(found.cells.count, k), "eps": np.full(found.cells.count, eps)}
     found.now = replace(found.now, scales=scales)
     for _ in range(steps):
-        found.advance(dt * k / eps, Feed(0.0))
+        found.advance(dt * k / eps, Inflow(0.0))
     age = 1 + 0.92 * steps * dt
     exact = {"k": k * age ** (-1 / 0.92), "eps": eps * age ** (-1.92 / 0.92)}
     return dict(found.now.scales), exact
@@ -89,10 +90,10 @@ def decaying_along(cells: int, order: int) -> float:
     inlet = {"inlet.gas_intensity": 1e-3, "inlet.length_scale": 1e-3}
     rest = {"operation.gas_superficial_velocity": speed, "gas.viscosity": 1e-9}
     found = flow(mesh, {**laws, **inlet, **rest}, True, order=order)
-    found.move(np.zeros(3), np.array([0.0, 0.0, speed]))
+    found.set_velocities(np.zeros(3), np.array([0.0, 0.0, speed]))
     k, eps = (float(found.now.scales[name][0]) for name in ("k", "eps"))
     for _ in range(3 * cells):
-        found.advance(length / speed / cells, Feed(speed))
+        found.advance(length / speed / cells, Inflow(speed))
     z, now = line(found, found.now.scales["k"])
     exact = k * (1 + 0.92 * z / speed * eps / k) ** (-1 / 0.92)
     assert exact.min() < k / 2
@@ -116,13 +117,13 @@ def test_shear_makes_what_the_laws_say() -> None:
     u_g[:, 2] = shear * found.cells.centre[:, 1]
     scales = {"k": np.full(many, k), "eps": np.full(many, eps)}
     now = replace(found.now, u_g=u_g, scales=scales)
-    rate = found.turbulence.stir(euler(found.line, now, 1.0)).rate
+    rate = found.turbulence.coefficients(implicit_euler(found.line, now, 1.0)).rate
     made = 0.09 * shear**2 * k / eps
     assert rate["k"] == pytest.approx(made - eps / k, rel=1e-3)
     assert rate["eps"] == pytest.approx(1.44 * made - 1.92 * eps / k, rel=1e-3)
 
 
-def pipe(law: str, wall: str, reynolds: float, order: int, symmetry: str = "half") -> Flow3D:
+def pipe(law: str, wall: str, reynolds: float, order: int, symmetry: str = "half") -> UnsteadyFlow:
     """A pipe of 25 diameters filled with moving gas."""
     size, speed, density = 0.01, 6.0, 1.2
     case = Case.from_dict(
@@ -133,26 +134,26 @@ def pipe(law: str, wall: str, reynolds: float, order: int, symmetry: str = "half
             "operation": {"gas_superficial_velocity": speed},
             "closures": {"turbulence": law},
             "walls": {"gas": wall},
-            "numerics": {"axial_cells": 50, "level": 1, "order": order, "end_time": 1.0},
+            "numerics": {"axial_cells": AXIAL_CELLS, "level": 1, "order": order, "end_time": 1.0},
         }
     )
-    found = Flow3D(case, line_of(case))
-    found.move(np.zeros(3), speed * AXIS)
+    found = UnsteadyFlow(case.scene.problem(), case.scene.mesh())
+    found.set_velocities(np.zeros(3), speed * AXIS)
     return found
 
 
-def steady(found: Flow3D, steps: int = 75) -> Flow3D:
+def steady(found: UnsteadyFlow, steps: int = 75) -> UnsteadyFlow:
     """The same gas after three times its way through the pipe."""
-    speed = found.case.operation.gas_superficial_velocity
-    dt = 2 * found.mesh.length / found.case.numerics.axial_cells / speed
+    speed = found.problem.gas_velocity
+    dt = 2 * found.mesh.length / AXIAL_CELLS / speed
     for _ in range(steps):
-        found.advance(dt, Feed(speed))
+        found.advance(dt, Inflow(speed))
     return found
 
 
-def friction_of(found: Flow3D) -> float:
+def friction_of(found: UnsteadyFlow) -> float:
     """Darcy's factor of the last third but the outlet."""
-    case, z, p = found.case, owned(found, found.cells.centre)[:, 2], owned(found, found.now.p)
+    z, p = owned(found, found.cells.centre)[:, 2], owned(found, found.now.p)
     volume = owned(found, found.cells.volume)
     places = np.unique(np.round(z, 9))
     means = []
@@ -161,7 +162,7 @@ def friction_of(found: Flow3D) -> float:
         means.append(np.average(p[layer], weights=volume[layer]))
     last = slice(2 * len(places) // 3, -3)
     gradient = -np.polyfit(places[last], means[last], 1)[0]
-    size, speed = case.geometry.diameter, case.operation.gas_superficial_velocity
+    size, speed = found.problem.diameter, found.problem.gas_velocity
     return 2 * size * gradient / (found.gas.density * speed**2)
 
 
@@ -176,9 +177,9 @@ def test_a_smooth_pipe_has_the_friction_of_prandtl_and_the_log_law(
     found = steady(pipe(law, wall, reynolds, order))
     f = friction_of(found)
     assert f == pytest.approx(prandtl_karman(reynolds), rel=0.03)
-    speed, size = found.case.operation.gas_superficial_velocity, found.case.geometry.diameter
+    speed, size = found.problem.gas_velocity, found.problem.diameter
     u_tau, z = speed * math.sqrt(f / 8), owned(found, found.cells.centre)[:, 2]
-    y_plus = owned(found, found.line.distance) * u_tau * reynolds / (speed * size)
+    y_plus = owned(found, found.line.wall_distance) * u_tau * reynolds / (speed * size)
     layer = (z > 0.22) & (z < 0.24) & (y_plus > 30) & (y_plus < 0.1 * u_tau / speed * reynolds / 2)
     assert layer.sum() > 5
     u_plus = owned(found, found.now.u_g)[layer, 2] / u_tau
@@ -205,7 +206,7 @@ def test_a_resolved_wall_needs_no_function(reynolds: float) -> None:
     found = steady(pipe("k-epsilon", "low-reynolds", reynolds, 0))
     f, z = friction_of(found), owned(found, found.cells.centre)[:, 2]
     assert f == pytest.approx(prandtl_karman(reynolds), rel=0.1)
-    speed, size = found.case.operation.gas_superficial_velocity, found.case.geometry.diameter
+    speed, size = found.problem.gas_velocity, found.problem.diameter
     u_tau = speed * math.sqrt(f / 8)
     y_plus = owned(found, found.line.gas_profile[0]) * u_tau * reynolds / (speed * size)
     u_plus = owned(found, found.now.u_g)[:, 2] / u_tau
@@ -219,19 +220,19 @@ def test_a_resolved_wall_needs_no_function(reynolds: float) -> None:
 # -- what eddies do to the solids --------------------------------------------------------------
 
 
-def spread(found: Flow3D, diffusivity: float, normal: dict[str, Any] | None = None) -> None:
-    """Let a flow be stirred with a given diffusivity of the solids and nothing else."""
+def spread(found: UnsteadyFlow, diffusivity: float, normal: dict[str, Any] | None = None) -> None:
+    """Give a flow's turbulence a given diffusivity of the solids and nothing else."""
     cells = found.cells
 
-    def stir(levels: Levels, relative: Any = None) -> Stirred:
+    def coefficients(levels: TimeLevels, relative: Any = None) -> TurbulenceCoefficients:
         now = levels.now
-        gradient = cells.whole(cells.gradient(now.u_g))
+        gradient = cells.ghosted(cells.gradient(now.u_g))
         drag = found._drag(now)[0]
         alpha = np.maximum(now.alpha, SMALLEST_FRACTION)
         force = drag * diffusivity / (alpha * (1 - alpha))
-        return Stirred(gradient, 0.0, 0.0, force, drag, normal, {}, {}, {})
+        return TurbulenceCoefficients(gradient, 0.0, 0.0, force, drag, normal, {}, {}, {})
 
-    found.turbulence.stir = stir
+    found.turbulence.coefficients = coefficients
 
 
 # grains so fine that they follow the force at once
@@ -251,11 +252,11 @@ def test_a_thin_cloud_spreads_as_diffusion_says(fraction: float, order: int) -> 
     spread(found, diffusivity)
     z = found.cells.centre[:, 2]
     wave = np.cos(math.pi * z / length)
-    found.start(fraction * (1 + wave))
+    found.initialise(fraction * (1 + wave))
     rate = diffusivity * (math.pi / length) ** 2
     steps = 100
     for _ in range(steps):
-        found.advance(1.0 / rate / steps, Feed(0.0))
+        found.advance(1.0 / rate / steps, Inflow(0.0))
         assert found.now.alpha.min() >= 0
         assert found.balances()["solids_mass"] < 1e-12
     assert found.now.alpha == pytest.approx(
@@ -272,9 +273,9 @@ def test_a_cloud_that_settles_is_held_up_by_dispersion(order: int) -> None:
     settling = weight / drag_of(found, alpha, 1e-2)
     diffusivity = settling * length / 2
     spread(found, diffusivity)
-    found.start(alpha)
+    found.initialise(alpha)
     for _ in range(300):
-        found.advance(0.02 * length**2 / diffusivity, Feed(0.0))
+        found.advance(0.02 * length**2 / diffusivity, Inflow(0.0))
         assert found.balances()["solids_mass"] < 1e-12
     z, profile = line(found, found.now.alpha)
     slip = np.linalg.norm(line(found, found.now.u_g - found.now.u_s)[1], axis=1)
@@ -293,12 +294,12 @@ def test_normal_stress_of_the_eddies_is_borne_by_the_pressure() -> None:
     """p + 2/3 rho k is uniform in a gas at rest."""
     mesh = box((0.01, 0.01, 0.1), (1, 1, 20), "ssssso")
     found = flow(mesh, {**NORMAL, "closures.turbulence": "realizable"})
-    found.start(1e-9)
+    found.initialise(1e-9)
     k = 10.0 * found.cells.centre[:, 2]
     spread(found, 0.0, {"k": k, "k_s": 0 * k})
-    found.turbulence.carry = lambda now, *rest: now.scales
+    found.turbulence.solve = lambda now, *rest: now.scales
     for _ in range(10):
-        found.advance(1e-4, Feed(0.0))
+        found.advance(1e-4, Inflow(0.0))
     found_p = line(found, found.now.p + found.gas.density * k)[1][:-2]
     assert np.ptp(found_p) < 0.01 * np.ptp(found.gas.density * k)
 
@@ -306,7 +307,7 @@ def test_normal_stress_of_the_eddies_is_borne_by_the_pressure() -> None:
 def test_the_drag_fades_within_the_grain_gap() -> None:
     mesh = box((0.01, 0.01, 0.01), (4, 4, 2), "wwwwss")
     far, near = (flow(mesh, {"walls.grain_gap": gap}) for gap in (0.0, 2.0))
-    y, gap = near.line.distance, 2 * near.solids.diameter
+    y, gap = near.line.wall_distance, 2 * near.solids.diameter
     ratio = near._drag(near.now)[0] / far._drag(far.now)[0]
     assert ratio == pytest.approx(y**2 / (y**2 + gap**2))
 
@@ -331,8 +332,8 @@ def test_bounds_hold_with_every_turbulence(laws: str, dt: float, order: int) -> 
 @pytest.mark.parametrize("laws", LAWS)
 def test_a_bed_under_gas_with_every_turbulence(laws: str, order: int) -> None:
     found = conveying(order, LAWS[laws])
-    found.start(np.where(found.cells.centre[:, 1] < -0.0025, 0.6, 1e-8))
-    run(found, 5e-4, 20, Feed(6.43))
+    found.initialise(np.where(found.cells.centre[:, 1] < -0.0025, 0.6, 1e-8))
+    run(found, 5e-4, 20, Inflow(6.43))
 
 
 @pytest.mark.parametrize("laws", LAWS)
@@ -353,8 +354,8 @@ def test_ranks_agree_with_four_equations() -> None:
     found = []
     for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
         one = flow(box((0.01, 0.01, 0.1), (4, 4, 20), "wwwwio", comm=comm), CONVEYING_FOUR)
-        one.start(1e-8)
-        one.move(6.09 * AXIS, 6.43 * AXIS)
+        one.initialise(1e-8)
+        one.set_velocities(6.09 * AXIS, 6.43 * AXIS)
         for _ in range(20):
             one.advance(2e-4, FEED)
         scales = {n: one.cells.largest(v[: one.cells.owned]) for n, v in one.now.scales.items()}

@@ -59,7 +59,7 @@ class MatchedVelocity:
         self._systems = [_Linear(stiffness, turning, psi, bcs)]
         self.velocity = ufl.as_vector((psi.dx(1), -psi.dx(0)))
         if section.develops:
-            model, width = section.model, section.mesh.geometry.hydraulic_diameter
+            model, width = section.model, section.mesh.section.hydraulic_diameter
             # phi is determined but for a constant
             pinned = section._constant(PIN / width**2) * trial * test * section.dx
             swelling = model.axis.change(lambda s: s.u[2], flow) * test * section.dx
@@ -311,7 +311,7 @@ class GasHeat:
     @property
     def _perimeter(self) -> float:
         """Wetted perimeter of the part solved [m]."""
-        geometry = self.section.mesh.geometry
+        geometry = self.section.mesh.section
         return geometry.perimeter / geometry.area_factor
 
     def flux(self) -> float:
@@ -322,7 +322,7 @@ class GasHeat:
         """Nu of the wall flux at the hydraulic diameter; nan where gas and wall are alike [-]."""
         excess = self.wall_temperature - self.bulk()
         diffusivity = self.section.setup.numbers.viscosity / self.prandtl
-        width = self.section.mesh.geometry.hydraulic_diameter
+        width = self.section.mesh.section.hydraulic_diameter
         return self.flux() * width / (diffusivity * excess) if excess else math.nan
 
     def balance(self) -> float:

@@ -21,7 +21,7 @@ class _LogLayers:
     """Log law, mixing length and anisotropy of the log layer, by the distance to the wall."""
 
     def __init__(self, section: ReynoldsStressSection) -> None:
-        setup, self.geometry = section.setup, section.mesh.geometry
+        setup, self.geometry = section.setup, section.mesh.section
         self.radius = self.geometry.hydraulic_diameter / 2
         self.nu = setup.numbers.viscosity
         self.layer = setup.law.log_layer()
@@ -110,7 +110,7 @@ def enter(section: ReynoldsStressSection, intensity: float, length: float) -> No
         _put(section, "q", lambda x: np.full(x.shape[1], np.log(k)))
     _put(section, "u", lambda x: np.vstack([0 * x[:2], speed + 0 * x[:1]]))
     # the strip at the wall carries less than its share
-    geometry = section.mesh.geometry
+    geometry = section.mesh.section
     wanted = speed * geometry.area / geometry.area_factor
     share = wanted / section.flux()
     _put(section, "u", lambda x: np.vstack([0 * x[:2], share * speed + 0 * x[:1]]))

@@ -82,7 +82,7 @@ class ReynoldsStressLine(Line):
 
     def enter(self) -> None:
         """Put the state of the inlet on the station."""
-        length = self.inlet.length_scale * self.station.mesh.geometry.hydraulic_diameter
+        length = self.inlet.length_scale * self.station.mesh.section.hydraulic_diameter
         initial.enter(self.station, self.inlet.gas_intensity, length)
         if self.heat is not None:
             excess = self.given.wall_temperature - self.temperature
@@ -121,7 +121,7 @@ class ReynoldsStressLine(Line):
     def row(self) -> dict[str, float]:
         """One row of the table."""
         station, inlet = self.station, not self.rows
-        setup, geometry = station.setup, station.mesh.geometry
+        setup, geometry = station.setup, station.mesh.section
         width, speed, drive = geometry.hydraulic_diameter, setup.velocity, station.pressure_gradient
         transported = setup.law.transported
         sampled = [station.unknown(name) for name in ("u", "r" if transported else "q")]
@@ -200,7 +200,7 @@ class ReynoldsStressLine(Line):
 
     def quantities(self) -> dict[str, float]:
         """Numbers of the line, with the overshoot of the centre and the heat at the outlet."""
-        last, width = self.rows[-1], self.station.mesh.geometry.hydraulic_diameter
+        last, width = self.rows[-1], self.station.mesh.section.hydraulic_diameter
         peak = max(self.rows, key=lambda row: row["centre_to_bulk"])
         found = super().quantities() | {
             "overshoot": peak["centre_to_bulk"],

@@ -39,7 +39,8 @@ class Heat(Parameters):
 class ReynoldsStress(Parameters):
     """A gas alone with a transport equation for each Reynolds stress, and its heat where asked.
 
-    Each law is an object of `fem_tfm.laws`, its name, or a table { model = name, parameter = value }.
+    Each law is an object of `fem_tfm.laws`, its name, or a table
+    { model = name, parameter = value }.
 
     Raises InputError for a value out of range.
     """
@@ -85,7 +86,9 @@ class ReynoldsStress(Parameters):
         return stress, function
 
     def wall_offset(self, speed: float, diameter: float) -> float:
-        """Distance y_p at which the wall function holds [m]: y+ = 40, at least 0.4 % of the diameter.
+        """Distance y_p at which the wall function holds [m].
+
+        y+ = 40, and at least 0.4 % of the diameter, unless it is given.
 
         speed : bulk velocity [m/s]
         diameter : hydraulic diameter [m]

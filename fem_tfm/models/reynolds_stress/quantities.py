@@ -48,7 +48,7 @@ def secondary(found: ReynoldsStressSection) -> float:
 
 def corner(found: ReynoldsStressSection) -> tuple[float, float]:
     """Furthest point of the mesh along x and y [m]."""
-    geometry = found.mesh.geometry
+    geometry = found.mesh.section
     offset = float(found.setup.numbers.wall_offset)
     if isinstance(geometry, RectangularSection):
         return geometry.width / 2 - offset, geometry.height / 2 - offset
@@ -57,7 +57,7 @@ def corner(found: ReynoldsStressSection) -> tuple[float, float]:
 
 def quantities(found: ReynoldsStressSection, density: float, length: float) -> dict[str, float]:
     """Numbers of a developed section, in the units of `QUANTITIES`; whole section."""
-    setup, geometry = found.setup, found.mesh.geometry
+    setup, geometry = found.setup, found.mesh.section
     width, speed = geometry.hydraulic_diameter, setup.velocity
     gradient = density * found.pressure_gradient
     u_tau = math.sqrt(found.pressure_gradient * width / 4)
@@ -87,7 +87,7 @@ def profiles(found: ReynoldsStressSection) -> dict[str, NDArray[np.float64]]:
     (diagonal) or from the bisector to the corner (wall, at the top). Velocities over U, stresses
     over u_tau^2 = G D_h/(4 rho), wall shear over its mean.
     """
-    setup, geometry = found.setup, found.mesh.geometry
+    setup, geometry = found.setup, found.mesh.section
     u_tau2 = found.pressure_gradient * geometry.hydraulic_diameter / 4
     s = np.linspace(0.0, 1.0, LINE_POINTS)
     across, up = corner(found)
@@ -145,6 +145,6 @@ def points(found: ReynoldsStressSection) -> dict[str, NDArray[np.float64]]:
     s = np.linspace(0.0, 1.0, LINE_POINTS) * (1 - INSIDE)
     across, up = corner(found)
     lines = {"bisector": np.column_stack([s * across, 0 * s])}
-    if isinstance(found.mesh.geometry, RectangularSection):
+    if isinstance(found.mesh.section, RectangularSection):
         lines["diagonal"] = np.column_stack([s * across, s * up])
     return lines

@@ -124,7 +124,7 @@ class ReynoldsStressSection(section.Section):
 
     def _walls(self, x: Any) -> list[Wall]:
         """The nearest wall of each direction: sides of a duct, or the wall of a pipe."""
-        geometry = self.mesh.geometry
+        geometry = self.mesh.section
         if isinstance(geometry, RectangularSection):
             half = self._constant(geometry.width / 2), self._constant(geometry.height / 2)
             units = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
@@ -139,7 +139,7 @@ class ReynoldsStressSection(section.Section):
     def boundary_conditions(self) -> list[fem.DirichletBC]:
         """Nothing flows through walls and planes of symmetry, where shear stress vanishes too."""
         tags, bcs = self.mesh.tags, []
-        straight = isinstance(self.mesh.geometry, RectangularSection)
+        straight = isinstance(self.mesh.section, RectangularSection)
         for tag, component in (("symmetry", 0), ("symmetry_x", 0), ("symmetry_y", 1)):
             if tag in tags:
                 facets = self.mesh.facets(tag)
@@ -157,7 +157,7 @@ class ReynoldsStressSection(section.Section):
 
     def _facing(self, facets: np.ndarray, component: int) -> np.ndarray:
         """Those facets of the wall of a duct whose normal is along x (0) or y (1)."""
-        geometry = self.mesh.geometry
+        geometry = self.mesh.section
         half = (geometry.width, geometry.height)[component] / 2 - geometry.wall_offset
         middle = compute_midpoints(self.mesh.mesh, 1, facets)
         return facets[np.abs(middle[:, component]) > half * (1 - ROUND_OFF)]
@@ -182,7 +182,7 @@ class ReynoldsStressSection(section.Section):
 
     def targets(self) -> list[float]:
         """Flux of the part that is solved; 0 for a station."""
-        geometry = self.mesh.geometry
+        geometry = self.mesh.section
         if self.develops:
             return [0.0]
         return [self.setup.velocity * geometry.area / geometry.area_factor]
@@ -196,7 +196,7 @@ class ReynoldsStressSection(section.Section):
             "p": (stress,),
             "e": (1.0, 1.5),
             "r": (stress,),
-            "d": (SHEAR * speed / self.mesh.geometry.hydraulic_diameter,),
+            "d": (SHEAR * speed / self.mesh.section.hydraulic_diameter,),
             "q": (1.0, 1.0),
         }
         dofs = dict(zip(self.names, self._dofs, strict=True))

@@ -23,7 +23,7 @@ GAS_INTENSITY, SOLIDS_INTENSITY = 0.1, 0.05
 def _profile(section: Section, laminar: bool) -> fem.Function:
     """Axial shape with mean one: parabola for a laminar flow, 1/7 power otherwise [-]."""
     space = fem.functionspace(section.mesh.mesh, ("Lagrange", 2))
-    geometry = section.mesh.geometry
+    geometry = section.mesh.section
     distance = geometry.wall_distance(ufl.SpatialCoordinate(section.mesh.mesh))
     s = distance / (geometry.hydraulic_diameter / 2)
     bounded = ufl.max_value(s, 0.01)
@@ -64,7 +64,7 @@ def cold(section: Section) -> None:
         logit = float(np.log(alpha / (setup.solids.packing_limit - alpha)))
         for i, value in ((3, logit), (4, AGITATION_START * setup.gas_velocity)):
             section.now.x.array[section.space.sub(i).collapse()[1]] = value
-    length = nikuradse(section.model.stretch()[0], section.model.domain.radius)
+    length = nikuradse(section.model.stretch()[0], section.model.domain.diameter / 2)
     speed = setup.gas_velocity
     set_turbulence(section, length, (speed, GAS_INTENSITY), (speed, SOLIDS_INTENSITY))
     section.fulfil()

@@ -17,7 +17,7 @@ def enter(section: Section, inlet: Inlet, solids: tuple[float, float] | None) ->
     """Put the state of the inlet on a section.
 
     inlet : profile, intensities and length scale
-    solids : alpha_s [-] and mean velocity u_s [m/s] of the solids that enter, None for the gas alone
+    solids : alpha_s [-] and mean velocity u_s [m/s] of the solids that enter, None without any
 
     Velocities are axial, u = (mean) (60/49) (1 - 2r/D)^{1/7} or uniform, and carry exactly the
     fluxes of the feed. Where a wall law asks for rest there is rest. alpha_s is uniform, and with
@@ -32,7 +32,7 @@ def enter(section: Section, inlet: Inlet, solids: tuple[float, float] | None) ->
     gas_velocity = section.setup.gas_velocity / (1 - alpha)
     _spread(section, "u_g", shape, gas_velocity)
     length = fem.Constant(
-        section.mesh.mesh, inlet.length_scale * section.mesh.geometry.hydraulic_diameter
+        section.mesh.mesh, inlet.length_scale * section.mesh.section.hydraulic_diameter
     )
     gas = gas_velocity, inlet.gas_intensity
     set_turbulence(section, length, gas, (speed, inlet.solids_intensity))
@@ -52,7 +52,7 @@ def _shape(section: Section, profile: str | None) -> fem.Function:
     shape = fem.Function(space)
     shape.x.array[:] = 1.0
     if profile == "power-law":
-        geometry = section.mesh.geometry
+        geometry = section.mesh.section
         distance = geometry.wall_distance(ufl.SpatialCoordinate(section.mesh.mesh))
         power = power_law(distance, geometry.hydraulic_diameter / 2)
         shape.interpolate(fem.Expression(power, space.element.interpolation_points))
@@ -67,4 +67,4 @@ def _spread(section: Section, name: str, shape: fem.Function, mean: float) -> No
     x[dofs] = shape.x.array
     section.fulfil()
     flux = section.integral(f"axial {name}", ufl.split(section.now)[number][2])
-    x[dofs] *= mean * section.mesh.geometry.meshed_area / flux
+    x[dofs] *= mean * section.mesh.section.meshed_area / flux

@@ -102,7 +102,7 @@ class TwoFluidLine(Line):
             "gas_mass_flow": found["gas_mass_flow"],
             "max_gas_velocity": self.extreme("u_g", largest=True),
         }
-        whole = station.mesh.geometry.area_factor * station.area
+        whole = station.mesh.section.area_factor * station.area
         row["gas_velocity"] = found["gas_mass_flow"] / (station.setup.gas.density * whole)
         if station.setup.solids is None:
             return row
@@ -120,7 +120,7 @@ class TwoFluidLine(Line):
     def bed_height(self) -> float:
         """Height up to which the vertical diameter is denser than the onset of friction [m]."""
         station, solids = self.station, self.station.setup.solids
-        height = station.mesh.geometry.size[1]
+        height = station.mesh.section.size[1]
         y = np.linspace(-0.5, 0.5, BED_POINTS) * height * (1 - 1e-6)
         logit = self._copies["now", "q"]
         logit.x.array[:] = station.now.x.array[self._dofs["q"]]

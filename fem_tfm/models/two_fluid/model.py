@@ -32,7 +32,7 @@ FOUR_EQUATION = "realizable-4eq"
 
 
 @dataclass(frozen=True)
-class Regularisation(Parameters):
+class SectionTerms(Parameters):
     """Small stated terms of a two-fluid section, without which its mesh carries no front."""
 
     alpha_diffusion: float | None = parameter(
@@ -54,7 +54,8 @@ class Regularisation(Parameters):
 class TwoFluid(Parameters):
     """Gas and solids as two interpenetrating phases, or the gas alone without `solids`.
 
-    Each law is an object of `fem_tfm.laws`, its name, or a table { model = name, parameter = value }.
+    Each law is an object of `fem_tfm.laws`, its name, or a table
+    { model = name, parameter = value }.
     `turbulence = "realizable-4eq"` stands for two equations in each phase.
 
     Raises InputError for laws that do not fit each other.
@@ -109,8 +110,8 @@ class TwoFluid(Parameters):
         ge=0,
         le=10,
     )
-    regularisation: Regularisation = parameter(
-        doc="small terms of a section's mesh", factory=Regularisation
+    section_terms: SectionTerms = parameter(
+        doc="small terms of a section's mesh", factory=SectionTerms
     )
     flow: ClassVar[str] = "dense"
 

@@ -17,7 +17,7 @@ def pressure_gradient(section: TwoFluidSection) -> float:
 def quantities(section: TwoFluidSection, length: float) -> dict[str, float]:
     """Numbers of a developed section, in the units of `QUANTITIES`; whole section."""
     model, state, setup = section.model, section.state(section.now), section.setup
-    alpha, whole = model.alpha(state), section.mesh.geometry.area_factor
+    alpha, whole = model.alpha(state), section.mesh.section.area_factor
     gradient = pressure_gradient(section)
     gas = section.integral("gas flux", (1 - alpha) * state.u_g[2])
     found = {
@@ -61,6 +61,6 @@ def balances(section: TwoFluidSection) -> dict[str, float]:
     scale = max(abs(drive), abs(weight), abs(force))
     found = {"gas_mass": errors[0], "axial_momentum": abs(drive + weight - force) / scale}
     if setup.solids is not None:
-        turnover = section.mesh.geometry.hydraulic_diameter / setup.gas_velocity
+        turnover = section.mesh.section.hydraulic_diameter / setup.gas_velocity
         found["solids_mass"] = max(errors[1], abs(float(section.source.value)) * turnover)
     return found

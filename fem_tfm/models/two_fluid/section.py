@@ -23,7 +23,7 @@ from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.materials import Gas, Solids
 from fem_tfm.models import section
 from fem_tfm.models.section import structure
-from fem_tfm.models.two_fluid.forms import Domain, Numerics, State, TwoFluidForms
+from fem_tfm.models.two_fluid.forms import Domain, Stabilisation, State, TwoFluidForms
 from fem_tfm.models.two_fluid.model import TwoFluid
 from fem_tfm.solvers.easing import MeshTerms
 from fem_tfm.solvers.newton import Block, Border
@@ -41,7 +41,7 @@ class Setup:
     """
 
     model: TwoFluid
-    numerics: Numerics
+    numerics: Stabilisation
     gravity: tuple[float, float, float]
     wall_offset: float
     gas_velocity: float
@@ -111,7 +111,7 @@ class TwoFluidSection(section.Section):
     Attributes
     ----------
     source : Constant, uniform relative source of solids [1/s], zero in a steady state
-    mesh_terms, rougher : factors on the terms of the mesh, and a Rougher state where they are raised
+    mesh_terms, rougher : factors on the terms of the mesh, and a Rougher state if they are raised
     """
 
     setup: Setup
@@ -154,14 +154,13 @@ class TwoFluidSection(section.Section):
         x, n = ufl.SpatialCoordinate(mesh), ufl.FacetNormal(mesh)
         inverse = ufl.JacobianInverse(mesh)
         across = ufl.dot(inverse, n)
-        geometry = self.mesh.geometry
+        geometry = self.mesh.section
         return Domain(
             dx=self.dx,
             ds_wall=self.ds(self.mesh.tags["wall"]),
             normal=ufl.as_vector((n[0], n[1], 0.0)),
             wall_distance=geometry.wall_distance(x),
             wall_offset=self._constant(self.setup.wall_offset),
-            radius=self._constant(geometry.hydraulic_diameter / 2),
             diameter=self._constant(geometry.hydraulic_diameter),
             wall_cell=1 / ufl.sqrt(ufl.inner(across, across)),
             cell_area=abs(ufl.JacobianDeterminant(mesh)),
@@ -214,7 +213,7 @@ class TwoFluidSection(section.Section):
         """
         if self.develops:
             return [0.0]
-        setup, true_area = self.setup, self.mesh.geometry.meshed_area
+        setup, true_area = self.setup, self.mesh.section.meshed_area
         targets = [setup.gas_velocity * true_area]
         if setup.feed:
             kind, value = setup.feed

@@ -5,11 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from fem_tfm.case import Case
 from fem_tfm.closures.walls.gas import GasWall
 from fem_tfm.correlations import power_law
-from fem_tfm.mesh import Mesh
-from fem_tfm.solvers.cells import Array, Cells
+from fem_tfm.geometry.mesh import Mesh
+from fem_tfm.models.finite_volume.cells.limiter import limited_increments
+from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
+from fem_tfm.models.finite_volume.cells.reconstruction import Reconstruction
+from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 
 # differences below this share of a scale, for cells as wide as the line, are not limited
 SMOOTH = 0.3
@@ -20,12 +22,12 @@ PARTS = ("inlet", "outlet", "wall", "symmetry")
 SHORTEST = 1e-9
 
 
-class Line:
+class LineMesh:
     """Cells of one line with its inlet, outlet and walls.
 
     Parameters
     ----------
-    case : inlet, scales
+    problem : inlet, scales
     mesh : three-dimensional, with the parts inlet, outlet, wall, symmetry that it has
 
     Attributes
@@ -34,79 +36,83 @@ class Line:
     volume : of the owned cells [m3]
     own, inner : slices of the owned cells and of the inner faces
     inlet, outlet, wall : slices of faces, empty where the mesh has no such part
-    sides : slice of the faces of the wall and then of planes of symmetry
+    impermeable : slice of the faces of the wall and then of planes of symmetry
     has_inlet, has_wall : whether the mesh has the part, on any rank
     has_outlet : whether it has a face
-    normal (faces, 3), normal_slope (faces) : unit normal; 1/distance along it [1/m]
+    normal (faces, 3), inverse_distance (faces) : unit normal; 1/distance along it [1/m]
     open (faces) : 1 on faces that a phase can pass without being fed, else 0
-    distance : of the cells to the wall of the mesh [m]
+    wall_distance : of the cells to the wall of the mesh [m]
     gas_profile : height y' of the gas's profile that the cells carry [m], and dy'/dy
     wall_height : at which the wall law meets the gas of the wall's cells [m]
-    profile : normal velocity of what enters over its mean, on the faces of the inlet [-]
+    inlet_profile : normal velocity of what enters over its mean, on the faces of the inlet [-]
     order : 0, upwind, or 1, limited linear
-    speed, width : scales of the flow [m/s], [m]
+    velocity_scale, diameter : scales of the flow [m/s], [m]
     """
 
-    def __init__(self, case: Case, mesh: Mesh) -> None:
-        self.mesh, self.order = mesh, case.numerics.order
+    def __init__(self, problem: UnsteadyProblem, mesh: Mesh) -> None:
+        self.mesh, self.order = mesh, int(problem.second_order)
         self.cells = cells = Cells(mesh, [name for name in PARTS if name in mesh.tags])
-        self.speed = case.operation.gas_superficial_velocity
-        self.width = case.geometry.hydraulic_diameter
-        self.own, self.inner = slice(0, cells.owned), slice(0, cells.inner)
+        self.velocity_scale = problem.gas_velocity
+        self.diameter = problem.diameter
+        self.own, self.inner = slice(0, cells.owned), slice(0, cells.inner_count)
         self.volume = cells.volume[: cells.owned]
         self.wall, self.inlet, self.outlet = (
             cells.parts.get(name, slice(0, 0)) for name in ("wall", "inlet", "outlet")
         )
         ends = (cells.parts.get(name, slice(0, 0)).stop for name in ("inlet", "outlet"))
-        self.sides = slice(max(cells.inner, *ends), cells.faces)
+        self.impermeable = slice(max(cells.inner_count, *ends), cells.face_count)
         self.has_inlet, self.has_wall = "inlet" in cells.parts, "wall" in cells.parts
         self.has_outlet = cells.total(self.outlet.stop - self.outlet.start) > 0
-        self.normal = cells.area / cells.size[:, None]
-        self.normal_slope = cells.reach / cells.size
-        self.open = np.zeros(cells.faces)
-        self.open[: cells.inner] = 1.0
+        self.normal = cells.area / cells.face_area[:, None]
+        self.inverse_distance = cells.face_weight / cells.face_area
+        self.open = np.zeros(cells.face_count)
+        self.open[: cells.inner_count] = 1.0
         self.open[self.outlet] = 1.0
-        self.reconstruct = cells.reconstruction(["inlet"] if self.has_inlet else [])
-        self.distance = self._distance()
-        law, offset = case.walls.gas, case.wall_distance
-        self.gas_profile = _stretched(law, self.distance, offset)
-        self.wall_height = _wall_height(law, 1 / self.normal_slope[self.wall], offset, self.width)
-        self.profile = self._inlet_profile(case)
+        self.reconstruct = Reconstruction(cells, ["inlet"] if self.has_inlet else [])
+        self.wall_distance = self._wall_distance()
+        law, offset = problem.closures.gas_wall, problem.wall_offset
+        self.gas_profile = _stretched(law, self.wall_distance, offset)
+        self.wall_height = _wall_height(
+            law, 1 / self.inverse_distance[self.wall], offset, self.diameter
+        )
+        self.inlet_profile = self._inlet_profile(problem.inlet_profile)
         # extrema of smooth values are lower than this in fine cells
-        reach = np.linalg.norm(cells.apart[: cells.inner], axis=1)
-        self._small = SMOOTH * (reach / self.width) ** 1.5
+        reach = np.linalg.norm(cells.delta[: cells.inner_count], axis=1)
+        self._small = SMOOTH * (reach / self.diameter) ** 1.5
 
-    def _distance(self) -> Array:
+    def _wall_distance(self) -> Array:
         """Distance to the wall less that of the straight faces themselves (collective).
 
         Where the wall is curved they are nearer by more than a thin cell's height.
         """
         cells, mesh = self.cells, self.mesh
-        found, middle = mesh.distance_at(cells.centre), cells.middle[self.wall]
+        found, middle = mesh.distance_at(cells.centre), cells.face_centre[self.wall]
         across = np.einsum("ij,ij->i", mesh.axis(middle), self.normal[self.wall])
-        size = cells.size[self.wall] * (np.abs(across) < ALONG)
+        size = cells.face_area[self.wall] * (np.abs(across) < ALONG)
         area = cells.total(size)
         if area == 0:
             return found
         sagitta = cells.total(mesh.distance_at(middle) * size) / area
-        thinnest = -cells.largest(-1 / self.normal_slope[self.wall])
+        thinnest = -cells.largest(-1 / self.inverse_distance[self.wall])
         return np.maximum(found - sagitta, thinnest / 2)
 
-    def _inlet_profile(self, case: Case) -> Array:
+    def _inlet_profile(self, name: str) -> Array:
         cells = self.cells
         shape = np.ones(self.inlet.stop - self.inlet.start)
-        if case.inlet.profile == "power-law":
-            height = self.mesh.distance_at(cells.middle[self.inlet])
-            shape = power_law(height, self.width / 2)
-        size = cells.size[self.inlet]
+        if name == "power-law":
+            height = self.mesh.distance_at(cells.face_centre[self.inlet])
+            shape = power_law(height, self.diameter / 2)
+        size = cells.face_area[self.inlet]
         area, flux = cells.total(size), cells.total(size * shape)
         return shape * (area / flux) if flux > 0 else shape
 
-    def entering(self, mean: float) -> Array:
+    def inlet_flux(self, mean: float) -> Array:
         """Volume flux into the domain at a mean velocity, negative as it enters [m3/s]."""
-        return -mean * self.profile * self.cells.size[self.inlet]
+        return -mean * self.inlet_profile * self.cells.face_area[self.inlet]
 
-    def beyond(self, flux: Array, values: Array, scale: Array | float, gradient: Array) -> Array:
+    def second_order_flux(
+        self, flux: Array, values: Array, scale: Array | float, gradient: Array
+    ) -> Array:
         """What linear values in cells add to an upwind flux of `values`.
 
         flux (faces) : what carries the values
@@ -114,13 +120,13 @@ class Line:
         gradient (cells, ..., 3) : of the values
         """
         cells, inner = self.cells, self.inner
-        ahead, back = cells.rise(values, gradient, scale * self._small)
+        ahead, back = limited_increments(cells, values, gradient, scale * self._small)
         flux = flux[inner].reshape(-1, *(1,) * (values.ndim - 1))
-        found = np.zeros((cells.faces, *values.shape[1:]))
+        found = np.zeros((cells.face_count, *values.shape[1:]))
         found[inner] = flux * np.where(flux > 0, ahead, back)
         return found
 
-    def little(self, value: float) -> float:
+    def small_norm(self, value: float) -> float:
         """Norm of a vector with `value` in every cell."""
         return value * self.cells.map.size_global**0.5
 

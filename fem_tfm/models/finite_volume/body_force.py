@@ -15,9 +15,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fem_tfm.models.unsteady.line import Line
-from fem_tfm.models.unsteady.state import Bearing
-from fem_tfm.solvers.cells import Array
+from fem_tfm.models.finite_volume.cells.line import LineMesh
+from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.state import FaceSupport
 
 # faces that lie flatter than this are above and below their cells: |g.n|/|g|
 FLAT = 0.2
@@ -27,7 +27,7 @@ SURFACE = 0.25, 0.5
 LEAST = 1e-8
 
 
-class Weight:
+class BodyForceBalance:
     """Lays the weight of the solids on faces.
 
     Parameters
@@ -37,7 +37,7 @@ class Weight:
     excess : rho_s - rho_g [kg/m3]
     """
 
-    def __init__(self, line: Line, gravity: Array, excess: float) -> None:
+    def __init__(self, line: LineMesh, gravity: Array, excess: float) -> None:
         self.line = line
         cells, inner = line.cells, line.inner
         down, size = excess * (line.normal[inner] @ gravity), excess * np.linalg.norm(gravity)
@@ -47,22 +47,22 @@ class Weight:
         self._ahead = down > 0
         self._low = np.where(self._ahead, second, first)
         self._high = np.where(self._ahead, first, second)
-        share = cells.share[self._faces]
+        share = cells.interpolation_weight[self._faces]
         self._of_low = np.where(self._ahead, 1 - share, share)
         self._flat = np.minimum(1.0, np.abs(down) / (FLAT * abs(size)))
         # pressure over fraction that bears what interpolation lays on a face [Pa]
-        self._needed = self._of_low * np.abs(down) / line.normal_slope[self._faces]
+        self._needed = self._of_low * np.abs(down) / line.inverse_distance[self._faces]
         # a face among those above its lower cell
-        roof = np.abs(down) * cells.size[self._faces]
+        roof = np.abs(down) * cells.face_area[self._faces]
         self._part = roof / np.bincount(self._low, roof, cells.count)[self._low]
 
-    def bear(self, alpha: Array, p_s: Array) -> Bearing:
+    def support(self, alpha: Array, p_s: Array) -> FaceSupport:
         """Faces that solids of a fraction [-] and a pressure [Pa] rest on (collective).
 
         alpha, p_s : in all cells
         """
         cells = self.line.cells
-        share = cells.mean(alpha)
+        share = cells.to_faces(alpha)
         below, above = alpha[self._low], alpha[self._high]
         full, none = SURFACE
         bare = np.flatnonzero((above < none * below) & (p_s[self._low] < self._needed * below))
@@ -70,25 +70,25 @@ class Weight:
         surface = np.minimum((none - above[bare] / held) / (none - full), 1.0)
         unborne = surface * (1 - p_s[low] / (self._needed[bare] * held))
         lost = np.bincount(low, self._part[bare] * unborne, cells.count)
-        lost = cells.exchange(lost)[self._high]
+        lost = cells.update_ghosts(lost)[self._high]
         unborne *= self._flat[bare]
         laid = np.flatnonzero(lost)
         faces = np.concatenate([self._faces[bare], self._faces[laid]])
         here = np.concatenate([low, self._high[laid]])
         more = (1 - self._of_low) * self._flat * lost
-        moved = np.concatenate([-unborne * self._of_low[bare], more[laid]]) * alpha[here]
-        np.add.at(share, faces, moved)
+        shifted = np.concatenate([-unborne * self._of_low[bare], more[laid]]) * alpha[here]
+        np.add.at(share, faces, shifted)
         sides = np.where(self._ahead[bare], 1, 0)
         count = np.maximum(1 - unborne, LEAST)
-        return Bearing(share, (faces[: bare.size], sides, count), (faces, here, moved))
+        return FaceSupport(share, (faces[: bare.size], sides, count), (faces, here, shifted))
 
-    def mean_force(self, bearing: Bearing, alpha: Array, acceleration: Array) -> Array:
+    def mean_force(self, support: FaceSupport, alpha: Array, acceleration: Array) -> Array:
         """alpha a along the normals of faces, of what these bear of their cells [m/s2].
 
         acceleration : in all cells (cells, 3) [m/s2]
         """
-        cells, (face, cell, part) = self.line.cells, bearing.moved
-        found = cells.flux(alpha[:, None] * acceleration) / cells.size
+        cells, (face, cell, part) = self.line.cells, support.shifted
+        found = cells.flux(alpha[:, None] * acceleration) / cells.face_area
         along = np.einsum("ni,ni->n", acceleration[cell], self.line.normal[face])
         np.add.at(found, face, part * along)
         return found

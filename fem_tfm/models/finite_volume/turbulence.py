@@ -23,23 +23,24 @@ from typing import Any
 
 import numpy as np
 
-from fem_tfm.case import Case
 from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
 from fem_tfm.closures.turbulence.gas import Balance, Eddies
-from fem_tfm.models.unsteady.compression import Compressed
-from fem_tfm.models.unsteady.laws import CellLaws
-from fem_tfm.models.unsteady.levels import Levels
-from fem_tfm.models.unsteady.line import Line
-from fem_tfm.models.unsteady.state import (
+from fem_tfm.models.finite_volume.cells.line import LineMesh
+from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
+from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
+from fem_tfm.models.finite_volume.ideal_gas import GasBalance
+from fem_tfm.models.finite_volume.laws import CellLaws
+from fem_tfm.models.finite_volume.problem import UnsteadyProblem
+from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
     Density,
-    Feed,
-    Moment,
-    Moved,
-    Stirred,
+    Inflow,
+    SolidsTransport,
+    State,
+    TurbulenceCoefficients,
 )
-from fem_tfm.models.unsteady.transport import Transport
-from fem_tfm.solvers.cells import Array, CellMatrix
+from fem_tfm.models.finite_volume.time_levels import TimeLevels
 
 # turbulent energy that grains leave to the gas, over U^2
 K_FLOOR = 2.5e-4
@@ -59,17 +60,19 @@ class Turbulence:
 
     Parameters
     ----------
-    case : what enters
+    problem : turbulence intensities at the inlet
     line, laws : mesh and coefficients
     matrix : scalar matrix, whose values are overwritten
     """
 
-    def __init__(self, case: Case, line: Line, laws: CellLaws, matrix: CellMatrix) -> None:
-        self.line, self.laws, self.inlet = line, laws, case.inlet
+    def __init__(
+        self, problem: UnsteadyProblem, line: LineMesh, laws: CellLaws, matrix: CellMatrix
+    ) -> None:
+        self.line, self.laws, self.problem = line, laws, problem
         self.gas_law, self.dispersed = laws.laws.turbulence, laws.laws.dispersed
         self._of_gas = _plain(self.gas_law.transported)
         self._of_solids = _plain(self.dispersed.transported) if laws.solids else ()
-        self.transport = Transport(line, matrix)
+        self.transport = ScalarTransport(line, matrix)
         self._edges = np.unique(line.cells.first[line.wall])
         self._height = line.wall_height
         self._floors = {}
@@ -85,7 +88,7 @@ class Turbulence:
             or (laws.solids and (found.dispersed.needs_k or found.dispersion.name != "none"))
         )
 
-    def start(self) -> dict[str, Array]:
+    def initial(self) -> dict[str, Array]:
         """Turbulence of the intensity of what enters, in all cells."""
         found = self._entering("gas", self.laws.speed)
         if self._of_solids:
@@ -94,7 +97,7 @@ class Turbulence:
 
     def _entering(self, phase: str, speed: float) -> dict[str, float]:
         """Scales of what enters of a phase at a mean speed [m/s]."""
-        given, laws = self.inlet, self.laws
+        given, laws = self.problem, self.laws
         intensity = given.gas_intensity if phase == "gas" else given.solids_intensity
         speed = max(speed, LEAST_INTENSITY * laws.speed)
         return self._estimate(phase, speed, intensity, given.length_scale * laws.width)
@@ -109,15 +112,17 @@ class Turbulence:
 
     # -- what the laws make of a state ---------------------------------------------------------
 
-    def stir(self, levels: Levels, relative: Array | None = None) -> Stirred:
+    def coefficients(
+        self, levels: TimeLevels, relative: Array | None = None
+    ) -> TurbulenceCoefficients:
         """What the turbulence does at the end of a step as far as it is foreseen (collective).
 
-        relative : density of the gas over that of the case [-], None where it is constant
+        relative : density of the gas over the reference [-], None where it is constant
         """
-        line, cells, at = self.line, self.line.cells, levels.expected
+        line, cells, at = self.line, self.line.cells, levels.predicted
         laws = self.laws if relative is None else self.laws.of(relative)
-        gradient = cells.whole(cells.gradient(levels.now.u_g))
-        later = gradient if levels.past is None else cells.whole(cells.gradient(at.u_g))
+        gradient = cells.ghosted(cells.gradient(levels.now.u_g))
+        later = gradient if levels.previous is None else cells.ghosted(cells.gradient(at.u_g))
         scales = [at.scales[name] for name in self._of_gas]
         eddies = laws.eddies(self._mirrored(later), *line.gas_profile, *scales)
         eddies = self._at_wall(eddies, at, laws)
@@ -139,7 +144,7 @@ class Turbulence:
             stiffness[name] = np.maximum((balances[name].rate - rate) / SMALL_RISE["k"], 0.0)
         # the gas's scales live on its stretched profile
         stretch = {name: line.gas_profile[1] if name in self._of_gas else 1.0 for name in balances}
-        return Stirred(
+        return TurbulenceCoefficients(
             gradient,
             gas.nu * laws.gas.density,
             nu_s,
@@ -185,21 +190,21 @@ class Turbulence:
             found |= self._balances(eddies, gas, risen, "solids")
         return {name: balance.rate for name, balance in found.items()}
 
-    def _grains(self, now: Moment, laws: CellLaws) -> Grains:
+    def _grains(self, now: State, laws: CellLaws) -> Grains:
         """What the laws of dispersed turbulence see of the solids."""
         line, cells = self.line, self.line.cells
         slip, alpha = now.u_g - now.u_s, np.maximum(now.alpha, SMALLEST_FRACTION)
         speed = laws.slip_speed(slip)
         g0, kinetic = laws.kinetic(alpha, now.theta)
-        crowding = cells.whole(cells.gradient(now.alpha))
+        crowding = cells.ghosted(cells.gradient(now.alpha))
         # no mesh knows how steep a front is that is thinner than its cells
         steepest = np.einsum("ni,ni->n", crowding, crowding) * cells.volume ** (2 / 3) / 4
         crowding = np.einsum("ni,ni->n", slip, crowding) / np.sqrt(alpha**2 + steepest)
         eddies = None
         if self._of_solids:
-            gradient = self._mirrored(cells.whole(cells.gradient(now.u_s)))
+            gradient = self._mirrored(cells.ghosted(cells.gradient(now.u_s)))
             scales = (now.scales[name] for name in self._of_solids)
-            eddies = laws.eddies(gradient, line.distance, 1.0, *scales)
+            eddies = laws.eddies(gradient, line.wall_distance, 1.0, *scales)
         return Grains(
             alpha=alpha,
             theta=now.theta,
@@ -227,9 +232,9 @@ class Turbulence:
         slope -= np.einsum("ni,ni->n", slope, normal)[:, None] * normal
         found = gradient.copy()
         np.subtract.at(found, edge, 0.5 * slope[:, :, None] * normal[:, None, :])
-        return cells.exchange(found)
+        return cells.update_ghosts(found)
 
-    def _at_wall(self, eddies: Eddies, now: Moment, laws: CellLaws) -> Eddies:
+    def _at_wall(self, eddies: Eddies, now: State, laws: CellLaws) -> Eddies:
         """Eddies whose shear in the wall's cells knows of the wall, as their gradient does not.
 
         S = min(S_w/2 + S_g, max(S_w, S_g)), by the traction of the wall, (mu + mu_t) S_w, and by
@@ -243,7 +248,7 @@ class Turbulence:
         within = _at(eddies, edges, laws.within(edges).gas)
         slip = laws.slip(now.u_g[first], line.normal[line.wall])
         friction = laws.gas.viscosity / self._height
-        if not laws.walls.gas.strong:
+        if not laws.laws.gas_wall.strong:
             beside = laws.within(first)
             friction = beside.gas_friction(1.0, slip, self._height, eddies.k[first])
         squares = np.zeros(cells.owned)
@@ -253,7 +258,7 @@ class Turbulence:
         def sheared(strain: Array) -> Array:
             """Shear of the layer with the viscosity at another."""
             eddy = 0.0
-            if not laws.walls.gas.strong:
+            if not laws.laws.gas_wall.strong:
                 eddy = self.gas_law.viscosity(_strained(within, strain))
             return traction / (laws.gas.viscosity + eddy)
 
@@ -266,90 +271,94 @@ class Turbulence:
         strain[: cells.owned] = eddies.strain[: cells.owned]
         wall, gradient = one + (two - one) / (1 - ratio), within.strain
         strain[edges] = np.minimum(wall / 2 + gradient, np.maximum(wall, gradient))
-        return _strained(eddies, cells.exchange(strain))
+        return _strained(eddies, cells.update_ghosts(strain))
 
     # -- the step ------------------------------------------------------------------------------
 
-    def carry(
+    def solve(
         self,
-        at: Moment,
-        levels: Levels,
-        start: Moment,
-        stirred: Stirred,
-        moved: Moved | None,
-        feed: Feed,
+        at: State,
+        levels: TimeLevels,
+        start: State,
+        coefficients: TurbulenceCoefficients,
+        transported: SolidsTransport | None,
+        inflow: Inflow,
         effort: dict[str, int],
-        compressed: Compressed | None,
+        gas_balance: GasBalance | None,
     ) -> dict[str, Array]:
         """Scales after a step from `start`, in all cells (collective).
 
         at : state of which coefficients are taken
-        compressed : the gas, None where its density is constant
+        gas_balance : the gas, None where its density is constant
 
         Raises
         ------
         SolverError
             the linear solver does not converge.
         """
-        line, own, solids = self.line, self.line.own, 0.0 if moved is None else moved.flux
+        line, own, solids = (
+            self.line,
+            self.line.own,
+            0.0 if transported is None else transported.flux,
+        )
         gas = Density.constant(1.0)
-        if compressed is not None:
-            gas = compressed.density.over(self.laws.gas.density)
+        if gas_balance is not None:
+            gas = gas_balance.density.relative_to(self.laws.gas.density)
         effort["turbulence"] = 0
         found: dict[str, Array] = {}
         for phase, names, density, before, after, flux in (
-            ("gas", self._of_gas, gas, 1 - start.alpha, 1 - at.alpha, at.total - solids),
+            ("gas", self._of_gas, gas, 1 - start.alpha, 1 - at.alpha, at.total_flux - solids),
             ("solids", self._of_solids, Density.constant(1.0), start.alpha, at.alpha, solids),
         ):
             if not names:
                 continue
             inertia = density.start * np.maximum(before[own], SMALLEST_FRACTION) * line.volume
             spread = np.maximum(after, SMALLEST_FRACTION)
-            if phase == "gas" and stirred.relative is not None:
-                spread = spread * stirred.relative
-            entering = self._entering(phase, feed.mean_velocity(phase))
+            if phase == "gas" and coefficients.relative_density is not None:
+                spread = spread * coefficients.relative_density
+            entering = self._entering(phase, inflow.mean_velocity(phase))
             for name in names:
-                diagonal, side = self._step(name, levels, start, stirred)
-                values = self.transport.carry(
-                    density.carried * flux,
-                    spread * stirred.spread[name],
+                diagonal, side = self._step(name, levels, start, coefficients)
+                values = self.transport.solve(
+                    density.upwind * flux,
+                    spread * coefficients.diffusivity[name],
                     inertia * diagonal,
                     inertia * side,
                     levels.now.scales[name][own],
                     entering[name],
-                    linear=levels.linear if line.order else None,
-                    held=self._held(name, stirred, found),
+                    linear=levels.second_order_faces if line.order else None,
+                    held=self._held(name, coefficients, found),
                 )
-                found[name] = line.cells.whole(np.maximum(values, self._floors[name]))
+                found[name] = line.cells.ghosted(np.maximum(values, self._floors[name]))
                 effort["turbulence"] += self.transport.iterations
         return found
 
     def _step(
-        self, name: str, levels: Levels, start: Moment, stirred: Stirred
+        self, name: str, levels: TimeLevels, start: State, coefficients: TurbulenceCoefficients
     ) -> tuple[Array, Array]:
         """Inertia and sources of a scale over a, in the owned cells: of the matrix and its side."""
         own, span = self.line.own, levels.span
-        rise, stiff = span * stirred.rate[name][own], span * stirred.stiffness[name][own]
+        rise, stiff = span * coefficients.rate[name][own], span * coefficients.stiffness[name][own]
         before = start.scales[name][own]
-        if levels.past is None:
+        if levels.previous is None:
             step = np.clip(rise / (1 + stiff), -LARGEST_STEP, LARGEST_STEP)
             small = np.abs(step) < SMALLEST_CHANGE
             step = np.where(small, SMALLEST_CHANGE, step)
             fitted = np.where(small, 1 + stiff, rise / np.expm1(step)) / span
             return fitted, fitted * np.exp(step) * before
         kept = np.sqrt(1 + np.square(np.maximum(rise, 0.0)))
-        foreseen = levels.expected.scales[name][own]
+        foreseen = levels.predicted.scales[name][own]
         return (kept - rise + stiff) / span, (kept * before + stiff * foreseen) / span
 
     def _held(
-        self, name: str, stirred: Stirred, found: dict[str, Array]
+        self, name: str, coefficients: TurbulenceCoefficients, found: dict[str, Array]
     ) -> tuple[Array, Array] | None:
         """Cells of the wall in which the law gives a scale from those found before it."""
         if not self.line.has_wall or name not in self._of_gas or name == self._of_gas[0]:
             return None
         laws, edges = self.laws, self._edges
-        if stirred.relative is not None:
-            laws = laws.of(stirred.relative).within(edges)
+        if coefficients.relative_density is not None:
+            laws = laws.of(coefficients.relative_density).within(edges)
         k = found[self._of_gas[0]][edges]
         distance = self.line.gas_profile[0][edges]
         eddies = Eddies(None, distance, laws.gas, laws.width / 2, k=k)

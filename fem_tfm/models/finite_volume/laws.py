@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Coefficients of both phases in cells: what the laws of a case make of a state.
+"""Coefficients of both phases in cells: what the laws make of a state.
 
 Arrays over any set of cells go in, arrays over the same cells come out; nothing here knows faces,
 neighbours or matrices.
@@ -14,18 +14,18 @@ from typing import Any, Self
 
 import numpy as np
 
-from fem_tfm.case import Case
 from fem_tfm.closures.granular import Kinetic, algebraic_theta
 from fem_tfm.closures.turbulence.gas import Eddies, realizable_slope
 from fem_tfm.closures.walls.gas import GasWallState
 from fem_tfm.closures.walls.solids import WallState
-from fem_tfm.models.unsteady.state import (
+from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.problem import UnsteadyProblem
+from fem_tfm.models.finite_volume.state import (
     LONELY_FRACTION,
     SMALLEST_FRACTION,
     SMALLEST_THETA,
-    Rates,
+    SolidsDeformation,
 )
-from fem_tfm.solvers.cells import Array
 
 # viscosity and conduction of grains, which laws keep finite in a void, fade below this fraction
 FADING_FRACTION = 1e-4
@@ -38,7 +38,7 @@ SLIP_STEP = 1e-3
 
 
 @dataclass(frozen=True)
-class Grains:
+class SolidsCoefficients:
     """Coefficients of the solids in cells.
 
     kinetic : of kinetic theory
@@ -74,22 +74,22 @@ def _deviator(gradient: Array) -> tuple[Array, list[Array]]:
 
 
 class CellLaws:
-    """The laws of a case, evaluated on arrays.
+    """The laws of a problem, evaluated on arrays.
 
     Parameters
     ----------
-    case : laws, materials, scales
+    problem : laws, materials, scales
     """
 
-    def __init__(self, case: Case) -> None:
-        self.gas, self.solids = case.gas_material, case.solids_material
-        self.laws, self.walls = case.closures, case.walls
-        self.speed = case.operation.gas_superficial_velocity
-        self.width = case.geometry.hydraulic_diameter
-        self.gap = case.walls.grain_gap * (self.solids.diameter if self.solids else 0.0)
+    def __init__(self, problem: UnsteadyProblem) -> None:
+        self.gas, self.solids = problem.gas, problem.solids
+        self.laws = problem.closures
+        self.speed = problem.gas_velocity
+        self.width = problem.diameter
+        self.gap = problem.grain_gap
 
     def of(self, relative: Array) -> Self:
-        """The laws in cells where the gas has this density over that of the case [-]."""
+        """The laws in cells where the gas has this density over the reference [-]."""
         found = copy.copy(self)
         found.gas = LocalGas(relative * self.gas.density, self.gas.viscosity)
         return found
@@ -104,33 +104,39 @@ class CellLaws:
 
     # -- solids --------------------------------------------------------------------------------
 
-    def rates(self, gradient: Array, dilation: Array) -> Rates:
+    def deformation(self, gradient: Array, dilation: Array) -> SolidsDeformation:
         """Deformation from the gradient of u_s (cells, 3, 3) and its divergence [1/s]."""
         xx, yy, zz, xy, xz, yz = _deviator(gradient)[1]
         shear = xx * xx + yy * yy + zz * zz + 2 * (xy * xy + xz * xz + yz * yz)
-        return Rates(gradient, shear, dilation)
+        return SolidsDeformation(gradient, shear, dilation)
 
     def solids_pressure(
-        self, alpha: Array, theta: Array, rates: Rates, lift: Array | float = 0.0
+        self, alpha: Array, theta: Array, deformation: SolidsDeformation, lift: Array | float = 0.0
     ) -> Array:
         """p_s of kinetic theory and friction, and of a normal stress `lift` over a rho_s [Pa]."""
         laws, solids = self.laws, self.solids
         alpha = np.maximum(alpha, 0.0)
         g0 = laws.radial.g0(alpha, solids)
         kinetic = laws.granular.pressure(alpha, theta, g0, solids)
-        friction = laws.friction.stress(alpha, theta, rates.shear, rates.dilation, solids)
+        friction = laws.friction.stress(
+            alpha, theta, deformation.shear, deformation.dilation, solids
+        )
         return kinetic + friction.pressure + alpha * solids.density * lift
 
-    def grains(self, alpha: Array, theta: Array, rates: Rates) -> Grains:
+    def grains(
+        self, alpha: Array, theta: Array, deformation: SolidsDeformation
+    ) -> SolidsCoefficients:
         """Coefficients of kinetic theory and friction."""
         laws, solids = self.laws, self.solids
         alpha = np.maximum(alpha, 0.0)
         g0, kinetic = self.kinetic(alpha, theta)
-        friction = laws.friction.stress(alpha, theta, rates.shear, rates.dilation, solids)
+        friction = laws.friction.stress(
+            alpha, theta, deformation.shear, deformation.dilation, solids
+        )
         cap = MOST_VISCOUS * solids.density * self.speed * self.width
         zero = np.zeros_like(alpha)
         viscosity = np.minimum(zero + friction.viscosity, cap)
-        return Grains(kinetic, g0, zero + friction.pressure, viscosity)
+        return SolidsCoefficients(kinetic, g0, zero + friction.pressure, viscosity)
 
     def kinetic(self, alpha: Array, theta: Array) -> tuple[Array, Kinetic]:
         """g0 and the coefficients of kinetic theory, at alpha >= 0."""
@@ -142,7 +148,9 @@ class CellLaws:
             shear_viscosity=fade * found.shear_viscosity, conductivity=fade * found.conductivity
         )
 
-    def balanced_theta(self, alpha: Array, grains: Grains, shear: Array, beta: Array) -> Array:
+    def balanced_theta(
+        self, alpha: Array, grains: SolidsCoefficients, shear: Array, beta: Array
+    ) -> Array:
         """Granular temperature where production equals dissipation and drag [m2/s2]."""
         found = algebraic_theta(
             alpha, grains.g0, shear, 0.0, self.laws.granular, self.solids, self.width, beta
@@ -220,7 +228,7 @@ class CellLaws:
         return np.sqrt(np.einsum("ni,ni->n", along, along) + floor**2)
 
     def wall_state(
-        self, alpha: Array, theta: Array, grains: Grains, slip: Array, at: Array
+        self, alpha: Array, theta: Array, grains: SolidsCoefficients, slip: Array, at: Array
     ) -> WallState:
         """What the wall law of the solids sees in the cells `at` of a wall."""
         alpha = np.maximum(alpha[at], 0.0)
@@ -228,15 +236,15 @@ class CellLaws:
 
     def wall_heat(self, state: WallState) -> Array:
         """Flux from a wall into the granular energy [W/m2]."""
-        return np.zeros_like(state.slip) + self.walls.solids.heat(state, self.solids)
+        return np.zeros_like(state.slip) + self.laws.solids_wall.heat(state, self.solids)
 
     def solids_friction(self, state: WallState) -> Array:
         """c [Pa s/m] of the traction -c u of a wall on the solids."""
-        return np.zeros_like(state.slip) + self.walls.solids.friction(state, self.solids)
+        return np.zeros_like(state.slip) + self.laws.solids_wall.friction(state, self.solids)
 
     def gas_friction(
         self, void: Array | float, slip: Array, height: Array, k: Array | None = None
     ) -> Array:
         """c [Pa s/m] of the traction -c u of a wall on gas of a speed found at a height [m]."""
-        c = self.walls.gas.coefficient(GasWallState(slip, height, self.gas, k))
+        c = self.laws.gas_wall.coefficient(GasWallState(slip, height, self.gas, k))
         return void * (np.zeros_like(slip) + c)

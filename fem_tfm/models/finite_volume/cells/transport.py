@@ -5,15 +5,18 @@ from __future__ import annotations
 
 import numpy as np
 
-from fem_tfm.models.unsteady.line import Line
-from fem_tfm.models.unsteady.state import SLOPES, TRANSPORT_TOLERANCE
-from fem_tfm.solvers.cells import Array, CellMatrix, Krylov
+from fem_tfm.models.finite_volume.cells.krylov import Krylov
+from fem_tfm.models.finite_volume.cells.limiter import limit_flux
+from fem_tfm.models.finite_volume.cells.line import LineMesh
+from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
+from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.state import SECOND_ORDER_SOLVES, TRANSPORT_TOLERANCE
 
 # share of what a cell holds that slopes may take out of it
 MOST_BY_SLOPES = 0.5
 
 
-class Transport:
+class ScalarTransport:
     """Carries values by a flux and spreads them.
 
     Parameters
@@ -22,12 +25,12 @@ class Transport:
     matrix : scalar matrix, whose values are overwritten
     """
 
-    def __init__(self, line: Line, matrix: CellMatrix) -> None:
+    def __init__(self, line: LineMesh, matrix: CellMatrix) -> None:
         self.line, self.matrix = line, matrix
         self._krylov = Krylov(matrix, "transport", TRANSPORT_TOLERANCE)
         self.iterations = 0
 
-    def carry(
+    def solve(
         self,
         flux: Array,
         diffusion: Array,
@@ -54,13 +57,13 @@ class Transport:
             the linear solver does not converge.
         """
         line, cells, inner = self.line, self.line.cells, self.line.inner
-        spread = cells.mean(diffusion) * cells.reach
-        spread[cells.inner :] = 0.0
+        spread = cells.to_faces(diffusion) * cells.face_weight
+        spread[cells.inner_count :] = 0.0
         ahead, back = np.maximum(flux, 0.0), np.maximum(-flux, 0.0)
-        diagonal = diagonal + cells.sum_out(back, ahead) + cells.add(spread)
+        diagonal = diagonal + cells.sum_by_side(back, ahead) + cells.sum_faces(spread)
         side = side.copy()
         if line.has_inlet:
-            cells.to_boundary("inlet", side, back[line.inlet] * entering)
+            cells.add_boundary("inlet", side, back[line.inlet] * entering)
         across = -(back + spread)[inner], -(ahead + spread)[inner]
         if held is not None:
             where, values = held
@@ -69,9 +72,9 @@ class Transport:
             side[where] = diagonal[where] * values
             across = across[0] * free[cells.first[inner]], across[1] * free[cells.second]
         self.matrix.set([diagonal], [across])
-        self._krylov.renew()
+        self._krylov.update()
         found, self.iterations = guess, 0
-        for _ in range(1 if linear is None else SLOPES):
+        for _ in range(1 if linear is None else SECOND_ORDER_SOLVES):
             later = side
             if linear is not None:
                 beyond = self._beyond(flux, found, linear, side)
@@ -85,8 +88,8 @@ class Transport:
     def _beyond(self, flux: Array, values: Array, linear: Array, side: Array) -> Array:
         """What slopes take out of each owned cell, no more than a share of what is there."""
         line, cells = self.line, self.line.cells
-        values = cells.whole(values)
-        gradient = cells.whole(cells.gradient(values))
-        beyond = line.beyond(flux, values, cells.mean(values)[line.inner], gradient)
+        values = cells.ghosted(values)
+        gradient = cells.ghosted(cells.gradient(values))
+        beyond = line.second_order_flux(flux, values, cells.to_faces(values)[line.inner], gradient)
         most = np.full(cells.owned, np.inf)
-        return cells.sum(cells.within(linear * beyond, MOST_BY_SLOPES * side, most))
+        return cells.net_flux(limit_flux(cells, linear * beyond, MOST_BY_SLOPES * side, most))

@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Matrix of one equation of the cells."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from petsc4py import PETSc
+
+from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
+
+
+class CellMatrix:
+    """Sparse matrix that couples each cell with the cells across its faces.
+
+    width : unknowns in a cell; they couple with each other, and each with its own kind next door
+    components : of a vector that each of them is
+    tied : owned cells in which the components of an unknown couple
+    """
+
+    def __init__(
+        self, cells: Cells, width: int = 1, components: int = 1, tied: Array | None = None
+    ) -> None:
+        self.cells, self.components = cells, components
+        first, second = cells.first[: cells.inner_count], cells.second
+        self._mine, self._yours = (
+            # a slice costs nothing where there are no ghosts
+            slice(None) if (cell < cells.owned).all() else np.flatnonzero(cell < cells.owned)
+            for cell in (first, second)
+        )
+        rows, columns = [], []
+        own, many = np.arange(cells.owned), width * components
+        for start in range(0, many, width):
+            for i in range(start, start + width):
+                for j in range(start, start + width):
+                    rows.append(own * many + i)
+                    columns.append(own * many + j)
+        for i in range(many):
+            for a, b, mask in ((first, second, self._mine), (second, first, self._yours)):
+                rows.append(a[mask] * many + i)
+                columns.append(b[mask] * many + i)
+        for i, j in itertools.permutations(range(components), 2):
+            for k in range(width):
+                rows.append(tied * many + i * width + k)
+                columns.append(tied * many + j * width + k)
+        self._assign(np.concatenate(rows), np.concatenate(columns), many)
+
+    def _assign(self, rows: Array, columns: Array, many: int) -> None:
+        """Give every entry its place in the arrays of the matrix, which PETSc shares."""
+        cells = self.cells
+        local = cells.owned * many
+        self._blocks: list[tuple[Array, npt.NDArray[np.intp]]] = []
+        parts = []
+        for far in (False, True):
+            # of each row from left to right, as an incomplete factorisation wants them
+            order = np.flatnonzero((columns >= local) == far)
+            order = order[np.lexsort((columns[order], rows[order]))]
+            begins = np.searchsorted(rows[order], np.arange(local + 1))
+            place = columns[order]
+            if far:
+                cell = cells.map.local_to_global((place // many).astype(np.int32))
+                place = cell * many + place % many
+            values = np.zeros(order.size)
+            self._blocks.append((values, order))
+            parts.append((begins.astype(PETSc.IntType), place.astype(PETSc.IntType), values))
+        size = (local, cells.map.size_global * many)
+        csr = parts[0] if cells.comm.size == 1 else tuple(parts)
+        self.matrix = PETSc.Mat().createAIJWithArrays((size, size), csr, comm=cells.comm)
+
+    def set(
+        self,
+        diagonal: Sequence[Array],
+        across: Sequence[tuple[Array, Array]],
+        ties: Sequence[Array] = (),
+    ) -> None:
+        """New values (collective).
+
+        diagonal : for each component width^2 arrays over owned cells, row by row
+        across : for each unknown, entries of the first cell's row and of the second's over inner
+            faces, the same for all components
+        ties : for each component and each other one, entries of each unknown over the tied cells
+        """
+        values = list(diagonal)
+        for ahead, back in [*across] * self.components:
+            values += [ahead[self._mine], back[self._yours]]
+        entries = np.concatenate([*values, *ties])
+        for block, order in self._blocks:
+            np.take(entries, order, out=block, mode="clip")
+        self.matrix.assemble()
+
+    def destroy(self) -> None:
+        """Free the matrix."""
+        self.matrix.destroy()
