@@ -4,14 +4,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
 from mpi4py import MPI
 
-from fem_tfm.errors import SolverError
+from fem_tfm.errors import InputError, SolverError
 from fem_tfm.geometry.gmsh import GmshModel
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.shapes import Duct, Pipe
@@ -67,6 +68,7 @@ class Developed(SectionScene):
 
     numerics: SteadyNumerics = parameter(doc="mesh and solver", factory=SteadyNumerics)
     solution: ClassVar[str] = "developed"
+    differentiable: ClassVar[bool] = True
 
     def recorder(self, setting: Setting | None = None) -> SectionRecorder:
         """What a run tells and keeps while it works."""
@@ -99,7 +101,7 @@ class Developed(SectionScene):
             restart = recorder.restart() if recorder.resume else None
             solution = nested.solve(meshes, setup, *limits, recorder, scheme, restart)
             spent += sum(section.newton.factorisations for section in recorder.begun)
-        recorder.told = physics.told(solution)
+        recorder.take(solution)
         told = {name: recorder.told[name] for name in ANSWERED if name in recorder.told}
         state = Kept(self, solution)
         return Answer(
@@ -178,6 +180,33 @@ class Kept:
         same = self.meshes == mesh_key(scene) and type(scene.model) is type(self.scene.model)
         return same and setup.structure == scene.physics.setup().structure
 
+    def adjoint(self) -> tuple[np.ndarray, np.ndarray]:
+        """Adjoint of G, which is linear in its multiplier, such as G/rho_g.
+
+        Raises LinearSolveError where the Jacobian is singular.
+        """
+        section, physics = self.solution.section, self.scene.physics
+        found, drive = section.newton.adjoint(0), section.drive
+        value, before = float(drive.value), physics.signs(section)["pressure_gradient"]
+        drive.value = value + 1.0
+        rate = physics.signs(section)["pressure_gradient"] - before
+        drive.value = value
+        return rate * found[0], rate * found[1]
+
+    def lagrangian(self, scene: Developed, adjoint: tuple[np.ndarray, np.ndarray]) -> float:
+        """G - v.F - w.c of the finest section under the numbers of a neighbouring scene [Pa/m].
+
+        Raises InputError for a scene with other meshes or laws.
+        """
+        if not self.leads_to(scene):
+            raise InputError("sensitivity", scene.title, "a scene that differs in numbers alone")
+        section, physics, (forms, borders) = self.solution.section, scene.physics, adjoint
+        with numbers_of(section, physics.setup(), physics.scheme):
+            own = float(forms @ section.newton.assemble_residual())
+            missed = float(borders @ np.array(section.newton.constraint_errors()))
+            gradient = physics.signs(section)["pressure_gradient"]
+        return gradient - section.mesh.mesh.comm.allreduce(own) - missed
+
     def factorisations(self) -> int:
         """Factorisations of the last two meshes so far."""
         return sum(level.section.newton.factorisations for level in self.solution.levels[-2:])
@@ -186,6 +215,25 @@ class Kept:
         """Free the solvers."""
         for level in self.solution.levels:
             level.section.newton.destroy()
+
+
+@contextmanager
+def numbers_of(section: Any, setup: Any, scheme: nested.Scheme) -> Iterator[None]:
+    """Let a section have other numbers for a while; its terms of the mesh stay raised."""
+    given, terms = section.setup, getattr(section, "mesh_terms", None)
+    rougher = getattr(section, "rougher", None)
+
+    def take(wanted: Any) -> None:
+        section.update(wanted)
+        if terms is not None and scheme.ease is not None:
+            scheme.ease(section, terms)
+            section.rougher = rougher
+
+    take(setup)
+    try:
+        yield
+    finally:
+        take(given)
 
 
 def mesh_key(scene: Developed) -> tuple[Any, ...]:
@@ -244,6 +292,11 @@ class SectionRecorder(Recorder, Observer):
         warning = ", ".join(f"{n} {values[n]:.4g}" for n in self.physics.warned if n in values)
         self.progress.update(self._fraction(row["dt"]), warning)
         self.log(f"step {self.steps}: dt {row['dt']:.3g} s, {warning}")
+
+    def take(self, solution: nested.Solution) -> None:
+        """The solution whose finest section is written."""
+        self.section, self.level = solution.section, len(self.physics.meshes(self.comm)) - 1
+        self.told = self.physics.told(solution)
 
     def retry(self, dt: float, reason: str) -> None:
         """A line of the log for a step taken back."""

@@ -24,7 +24,7 @@ from fem_tfm.scenes.dense import SCHEME, setup_of
 from fem_tfm.solvers.nested import QUIET, solve_level
 from fem_tfm.solvers.newton import BorderedNewton
 
-DEMO = Path(__file__).parents[2] / "demos" / "dense_pipe" / "case3.toml"
+DEMO = Path(__file__).parents[2] / "demos" / "dense_pipe" / "algebraic.toml"
 
 
 def demo(changes: Mapping[str, Any] | None = None) -> Case:
