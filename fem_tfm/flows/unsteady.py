@@ -24,7 +24,7 @@ from fem_tfm.flows.driver import Answer, Scene
 from fem_tfm.flows.recorder import Recorder
 from fem_tfm.flows.samples import MEANS, Plane, Probes, Sections, Table, columns
 from fem_tfm.mesh import axial_layers, geometry_of, line, line_cells
-from fem_tfm.models.finite_volume import Inflow, StepReport, UnsteadyFlow
+from fem_tfm.models.finite_volume import Inflow, Report, UnsteadyFlow, UnsteadyProblem
 from fem_tfm.output import checkpoint
 from fem_tfm.output.fields import FieldWriter
 from fem_tfm.output.files import on_root
@@ -48,6 +48,29 @@ UNKNOWNS, GAS_UNKNOWNS = 9, 4
 
 
 # -- from the case -----------------------------------------------------------------------------
+
+
+def problem_of(case: Case) -> UnsteadyProblem:
+    """The unsteady problem of a case, in SI units."""
+    inlet, solids = case.inlet, case.solids_material
+    return UnsteadyProblem(
+        gas=case.gas_material,
+        solids=solids,
+        closures=dense.setup_of(case).closures,
+        gravity=np.array(case.gravity_vector),
+        gas_velocity=case.operation.gas_superficial_velocity,
+        diameter=case.geometry.hydraulic_diameter,
+        wall_offset=case.wall_distance,
+        grain_gap=case.walls.grain_gap * (solids.diameter if solids else 0.0),
+        inlet_profile=inlet.profile,
+        solids_intensity=inlet.solids_intensity,
+        gas_intensity=inlet.gas_intensity,
+        length_scale=inlet.length_scale,
+        second_order=case.numerics.order == 1,
+        compressible=case.gas.compressible,
+        reference_pressure=case.gas.pressure,
+        outlet_pressure=case.operation.outlet_pressure,
+    )
 
 
 def inflow_at(case: Case, time: float) -> Inflow:
@@ -138,7 +161,7 @@ class Stepped:
 
     def __init__(self, case: Case, flow: UnsteadyFlow) -> None:
         self.case, self.flow, self.mesh = case, flow, flow.mesh
-        self.report: StepReport | None = None
+        self.report: Report | None = None
 
     @property
     def dofs(self) -> int:
@@ -327,7 +350,7 @@ def solve(case: Case, recorder: FlowRecorder) -> Answer:
     KeyboardInterrupt
         the user has asked to stop; all ranks stand behind the same step.
     """
-    section = Stepped(case, UnsteadyFlow(case, line(case)))
+    section = Stepped(case, UnsteadyFlow(problem_of(case), line(case)))
     stepping = TimeStepping(step_control(case), milestones(case), recorder.log)
     if recorder.resume:
         recorder.restore(section, stepping)

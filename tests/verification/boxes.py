@@ -12,6 +12,7 @@ from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
 from fem_tfm import Case
+from fem_tfm.flows.unsteady import problem_of
 from fem_tfm.mesh import DuctGeometry, Mesh
 from fem_tfm.models.finite_volume import UnsteadyFlow
 
@@ -89,4 +90,5 @@ def flow(
     mesh: Mesh, changes: Mapping[str, Any] | None = None, alone: bool = False, order: int = 0
 ) -> UnsteadyFlow:
     """The flow of such a case, at rest."""
-    return UnsteadyFlow(case(mesh, {"numerics.order": order, **(changes or {})}, alone), mesh)
+    stated = case(mesh, {"numerics.order": order, **(changes or {})}, alone)
+    return UnsteadyFlow(problem_of(stated), mesh)

@@ -44,7 +44,7 @@ def line(found: UnsteadyFlow, values: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 def drag_of(found: UnsteadyFlow, alpha: float, slip: float) -> float:
     """beta [kg/m3/s] of the case's law."""
-    return found.case.closures.drag.beta(alpha, slip, found.gas, found.solids)
+    return found.problem.closures.drag.beta(alpha, slip, found.gas, found.solids)
 
 
 @pytest.fixture(params=[0, 1], ids=["order0", "order1"])
