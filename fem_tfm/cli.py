@@ -15,6 +15,7 @@ import sys
 import textwrap
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import MISSING
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, NoReturn
@@ -26,7 +27,7 @@ import fem_tfm
 from fem_tfm import signals
 from fem_tfm.case import Case
 from fem_tfm.case.edit import parse_value
-from fem_tfm.errors import FemTfmError, InputError, SolverError
+from fem_tfm.errors import FemTfmError, InputError, SolverError, nearest
 
 DONE, CRASHED, BAD_INPUT, NOT_SOLVED, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -195,6 +196,21 @@ def models(options: argparse.Namespace) -> None:
             _say(*_law(law, with_formula=options.family is not None))
 
 
+def keys(options: argparse.Namespace) -> None:
+    """List the keys of a case file: unit, default, meaning and the scenes that read them."""
+    from fem_tfm.scenes.kinds import in_order, known_keys, known_tables
+    from fem_tfm.scenes.reading import CHOOSING
+
+    asked, known = options.table, [*CHOOSING, *known_keys()]
+    chosen = [name for name in known if asked is None or f"{name}.".startswith(f"{asked}.")]
+    if not chosen:
+        tables = [*known_tables(), *(name for name in known if "." not in name)]
+        words = f"a key, or one of {', '.join(in_order(tables))}"
+        raise InputError("TABLE", asked, words, nearest(asked, [*tables, *known]))
+    for name in in_order(chosen):
+        _say(*_key(name))
+
+
 def parse_variation(text: str) -> tuple[str, list[Any]]:
     """Split "key=a,b,c" as given to --vary; the values are read as those of --set."""
     key, _, listed = text.partition("=")
@@ -239,6 +255,27 @@ def _law(entry: Mapping[str, Any], with_formula: bool) -> Iterator[str]:
     yield ""
 
 
+def _key(name: str) -> Iterator[str]:
+    """One key of a case file."""
+    from fem_tfm.scenes.kinds import known_keys, readers, readers_in_words
+    from fem_tfm.scenes.reading import CHOOSING, choices
+
+    if name in CHOOSING:
+        default, doc = CHOOSING[name]
+        yield f"{name} = {_toml(default)}"
+        yield _wrapped(f"{doc}; one of {', '.join(choices(name))}", "    ")
+        yield "    read by every scene\n"
+        return
+    key = known_keys()[name]
+    given = " or ".join(_toml(value) for value in key.defaults if value not in (None, MISSING))
+    unit = f" [{key.unit}]" if key.unit else ""
+    must = ", must be given" if key.default is MISSING else ""
+    yield f"{name}{unit}{must}" + (f" = {given}" if given else "")
+    yield _wrapped(f"{key.doc}; {key.allowed}", "    ")
+    yield _wrapped(readers_in_words(readers(name)), "    read by ")
+    yield ""
+
+
 def _toml(value: Any) -> str:
     """A value as it stands in a case file."""
     return tomli_w.dumps({"value": value}).partition("=")[2].strip()
@@ -276,6 +313,9 @@ def _parser() -> argparse.ArgumentParser:
 
     laws = _verb(verbs, models)
     laws.add_argument("family", metavar="FAMILY", nargs="?", help="drag, friction, ... [all]")
+
+    listed = _verb(verbs, keys)
+    listed.add_argument("table", metavar="TABLE", nargs="?", help="a table or one key [all]")
 
     study = _verb(verbs, sweep)
     _case_options(study)
