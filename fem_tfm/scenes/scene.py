@@ -12,8 +12,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, MISSING, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
+import numpy as np
 from mpi4py import MPI
 
 from fem_tfm.errors import InputError, SolverError
@@ -52,6 +53,8 @@ class Scene(Parameters, ABC):
     )
     references: tuple[Reference, ...] = parameter((), doc="published values", key="reference")
     solution: ClassVar[str]
+    # whether the state of an answer is Differentiable
+    differentiable: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -258,6 +261,20 @@ def _changed(part: Parameters, keys: Iterable[str]) -> Iterable[tuple[str, Any]]
             yield from _changed(value, keys)
         elif key in keys and value != inner.default:
             yield key, value
+
+
+class Differentiable(Protocol):
+    """State of an answer that tells how its pressure gradient G depends on the scene's numbers."""
+
+    def adjoint(self) -> tuple[np.ndarray, np.ndarray]:
+        """Adjoint (v, w) of G: v on the unknowns that this rank owns, w on the constraints."""
+
+    def lagrangian(self, scene: Any, adjoint: tuple[np.ndarray, np.ndarray]) -> float:
+        """G - v.F - w.c of this state under the numbers of a neighbouring scene [Pa/m].
+
+        F is the residual and c are the constraints. The state stays as it is.
+        Raises InputError for a scene that differs in more than numbers.
+        """
 
 
 @dataclass
