@@ -25,6 +25,7 @@ from fem_tfm.parameters import parameter
 from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas
 from fem_tfm.scenes.kinds import Kind, register
+from fem_tfm.scenes.physics import LARGEST_STEP
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.scene import Answer, Scene
 from fem_tfm.scenes.statement import SteadyNumerics
@@ -33,7 +34,31 @@ from fem_tfm.solvers.nested import Observer
 
 
 @dataclass(frozen=True)
-class Developed(Scene):
+class SectionScene(Scene):
+    """A scene whose mesh is that of a section."""
+
+    model: TwoFluid | ReynoldsStress
+
+    @property
+    def files(self) -> Sequence[str]:
+        """Names of what a run may leave in its directory."""
+        return self.physics.files
+
+    def advice(self) -> list[str]:
+        """What the user probably did not mean, one sentence each."""
+        return self.physics.advice()
+
+    def mesh_model(self) -> GmshModel:
+        """The mesh as Gmsh makes it."""
+        return GmshModel(self.physics.section, self.physics.resolution)
+
+    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
+        """The finest mesh of the section."""
+        return self.physics.meshes(comm)[-1]()
+
+
+@dataclass(frozen=True)
+class Developed(SectionScene):
     """The developed section: hold-up or flux is given, the pressure gradient is found.
 
     numerics : how strictly it is solved
@@ -41,15 +66,9 @@ class Developed(Scene):
     Raises InputError for values that do not fit each other.
     """
 
-    model: TwoFluid | ReynoldsStress
     numerics: SteadyNumerics = parameter(doc="mesh and solver", factory=SteadyNumerics)
     solution: ClassVar[str] = "developed"
     differentiable: ClassVar[bool] = True
-
-    @property
-    def files(self) -> Sequence[str]:
-        """Names of what a run may leave in its directory."""
-        return self.physics.files
 
     def recorder(self, setting: Setting | None = None) -> SectionRecorder:
         """What a run tells and keeps while it works."""
@@ -103,18 +122,6 @@ class Developed(Scene):
             *physics.skipped_of_axis(),
             *physics.skipped(),
         ]
-
-    def advice(self) -> list[str]:
-        """What the user probably did not mean, one sentence each."""
-        return self.physics.advice()
-
-    def mesh_model(self) -> GmshModel:
-        """The mesh as Gmsh makes it."""
-        return GmshModel(self.physics.section, self.physics.resolution)
-
-    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
-        """The finest mesh of the section."""
-        return self.physics.meshes(comm)[-1]()
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
@@ -303,7 +310,7 @@ class SectionRecorder(Recorder, Observer):
     def _fraction(self, dt: float) -> float:
         """Share of the work done, from the decades of dt that are behind on this mesh."""
         unit = self.scene.geometry.hydraulic_diameter / self.scene.feed.gas_velocity
-        bounds = self.physics.first_step, self.physics.largest_step
+        bounds = self.physics.first_step, LARGEST_STEP
         first, last = (math.log(bound * unit) for bound in bounds)
         share = min(max((math.log(dt) - first) / (last - first), 0.0), 1.0)
         return (self.level + 0.9 * share) / self._levels
@@ -320,7 +327,7 @@ class SectionRecorder(Recorder, Observer):
         if self.out is None:
             return
         numbers = {"level": self.level, "steps": self.steps}
-        numbers |= {n: float(c.value) for n, c in self.physics.multipliers(section).items()}
+        numbers |= {f"multiplier{k}": value for k, value in enumerate(section.stored()[1])}
         fields = {name: section.unknown(name) for name in section.names}
         checkpoint.save(self.out, self.comm, fields, numbers)
 
@@ -334,8 +341,8 @@ class SectionRecorder(Recorder, Observer):
             checkpoint.load(self.out, self.comm, fields)
             for name, function in fields.items():
                 section.set_unknown(name, function)
-            for name, constant in self.physics.multipliers(section).items():
-                constant.value = numbers[name]
+            for k, border in enumerate(section.newton.borders):
+                border.multiplier.value = numbers[f"multiplier{k}"]
 
         return int(numbers["level"]), restore
 
@@ -383,6 +390,9 @@ register(
         (Pipe, Duct),
         DuctGas,
         DEFAULTS,
-        (*UNREAD, *GAS_UNREAD, "output.stations"),
+        (
+            *UNREAD, *GAS_UNREAD, "output.stations", "operation.outlet_pressure",
+            "heat.wall_temperature",
+        ),  # fmt: skip
     )
 )

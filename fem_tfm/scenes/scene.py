@@ -28,8 +28,7 @@ from fem_tfm.output.result import QUANTITIES, Quantity, Result, versions
 from fem_tfm.output.result import Reference as Published
 from fem_tfm.parameters import Parameters, key_of, parameter
 from fem_tfm.progress import Progress
-from fem_tfm.scenes.kinds import KINDS, Kind
-from fem_tfm.scenes.reading import unread_words
+from fem_tfm.scenes.kinds import KINDS, Kind, check_shape, unread_words
 from fem_tfm.scenes.recorder import Recorder, Setting, prepare, results_directory
 from fem_tfm.scenes.statement import Output, Reference
 
@@ -42,7 +41,7 @@ class Scene(Parameters, ABC):
     does not read.
     """
 
-    model: Any = parameter(MISSING, doc="materials and laws", key="model")
+    model: Any = parameter(MISSING, doc="materials and laws")
     geometry: Shape = parameter(MISSING, doc="conveying line", key="geometry")
     feed: Feed = parameter(MISSING, doc="fluxes, hold-up, gravity", key="operation")
     _: KW_ONLY
@@ -91,12 +90,12 @@ class Scene(Parameters, ABC):
                 object.__setattr__(self, f.name, part)
 
     def _check_shape(self, kind: Kind) -> None:
-        if not isinstance(self.geometry, kind.shapes) or self.geometry.shape not in {
-            shape.shape for shape in kind.shapes
-        }:
-            others = [k for k in KINDS if any(s.shape == self.geometry.shape for s in k.shapes)]
-            words = " or ".join(f"solution = {k.scene.solution!r} beside it" for k in others)
-            raise InputError("geometry.shape", self.geometry.shape, words)
+        """The shape is one of the kind, and a quarter does where the model is symmetric enough."""
+        check_shape(self.geometry.shape, kind)
+        symmetry = self.geometry.symmetry
+        if symmetry == "quarter" and kind.model.symmetry != "quarter":
+            words = f"one of auto, half, none for flow {kind.flow!r}, whose weight acts downwards"
+            raise InputError("geometry.symmetry", symmetry, words)
 
     def _check_feed(self) -> None:
         """Solids need a feed and a feed needs solids; a hold-up lies below packing."""
