@@ -1,0 +1,535 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The equations of one unsteady step as DG0 forms in UFL: the specification of the arrays.
+
+The solver evaluates a step on flat arrays. This module states the same equations in UFL; the tests
+assemble them with DOLFINx and compare both. Nothing here runs in a simulation.
+
+`on` is the mesh in UFL (`cells.facets`), w a test function of one value a cell, or of one vector.
+The other arguments are what the parts of a step hand on, with UFL in place of their arrays
+(`FacetForms.fields`, `phase_fields`, `inflow_fields`). Fluxes are densities, per area of a face.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import ufl
+
+from fem_tfm.models.finite_volume.cells.facets import PARTS, Face, FacetForms, larger
+from fem_tfm.models.finite_volume.cells.line import LineMesh
+from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Density, Inflow, Phase
+from fem_tfm.models.finite_volume.time_levels import TimeLevels
+from fem_tfm.models.finite_volume.turbulence import LARGEST_STEP, SMALLEST_CHANGE
+
+IMPERMEABLE = ("wall", "symmetry")
+BUT_INLET = ("outlet", *IMPERMEABLE)
+
+
+# -- data of a step -------------------------------------------------------------------------------
+
+
+def level_fields(on: FacetForms, levels: TimeLevels) -> SimpleNamespace:
+    """The levels in time of a step in UFL: spans are fields whatever the order."""
+    span = np.broadcast_to(levels.span, on.cells.owned)
+    faces = np.broadcast_to(levels.span_faces, on.cells.face_count)
+    return on.fields(dataclasses.replace(levels, previous=None, span=span, span_faces=faces))
+
+
+def density_fields(on: FacetForms, density: Density) -> SimpleNamespace:
+    """A density in UFL: fields, also where it is constant."""
+    cells = on.cells
+    sizes = {"start": cells.owned, "cells": cells.owned}
+    sizes |= {"faces": cells.face_count, "upwind": cells.face_count}
+    spread = {name: np.broadcast_to(getattr(density, name), n) for name, n in sizes.items()}
+    return on.fields(dataclasses.replace(density, **spread))
+
+
+def phase_fields(on: FacetForms, phase: Phase) -> SimpleNamespace:
+    """A phase in UFL.
+
+    Instead of `support` it has `counts`, how much the sides "+" and "-" of a face follow it, and
+    `shifted`, the fraction of either side that the face bears beyond interpolation.
+    """
+    cells, support = on.cells, phase.support
+    found = on.fields(dataclasses.replace(phase, support=None, wall_friction=0.0))
+    found.density = density_fields(on, phase.density)
+    found.wall_friction = on.density(on.on_part("wall", phase.wall_friction))
+    if support is None:
+        return found
+    counts, shifted = np.ones((2, cells.face_count)), np.zeros((2, cells.face_count))
+    face, side, count = support.partial_faces
+    counts[side, face] = count
+    face, cell, part = support.shifted
+    np.add.at(shifted, (np.where(cells.first[face] == cell, 0, 1), face), part)
+    found.counts = tuple(on.face(values).inner for values in counts)
+    found.shifted = tuple(on.face(values).inner for values in shifted)
+    return found
+
+
+def inflow_fields(on: FacetForms, inflow: Inflow, line: LineMesh) -> SimpleNamespace:
+    """What enters, in UFL, with its `profile` on faces, and `passes`, 0 at a blocked outlet."""
+    found = on.fields(inflow)
+    found.profile = on.face(on.on_part("inlet", line.inlet_profile))
+    found.passes = on.constant(0.0 if inflow.blocked else 1.0)
+    return found
+
+
+def _entering(inflow: SimpleNamespace, phase: str) -> tuple[Any, Any]:
+    """Fraction and mean velocity of a phase that enters."""
+    alpha = inflow.solids_fraction
+    if phase == "solids":
+        return alpha, inflow.solids_velocity
+    return 1 - alpha, inflow.gas_velocity / (1 - alpha)
+
+
+def present(fraction: Any) -> Any:
+    """A fraction, no less than that of a phase which is not there."""
+    if isinstance(fraction, Face):
+        return larger(fraction, SMALLEST_FRACTION)
+    return ufl.max_value(fraction, SMALLEST_FRACTION)
+
+
+def _vector(value: Any) -> Any:
+    """A vector, of three equal components if a number is given."""
+    return value if value.ufl_shape else ufl.as_vector([value] * 3)
+
+
+# -- solids fraction ------------------------------------------------------------------------------
+
+
+def dispersion_response(
+    on: FacetForms, alpha: Any, turbulence: Any, densities: tuple[Any, Any], span: Any
+) -> Face:
+    """E: the solids follow dispersion by the volume flux -E rise(alpha_s) [m/s].
+
+        E = a_g c/(n.d)/(a_s a_g (rho_s a_g + rho_g a_s)/dt + beta)
+
+    densities : rho_s and rho_g
+    """
+    solids, gas = densities
+    alpha = on.mean(alpha)
+    void = 1 - alpha
+    hold = alpha * void * (solids * void + gas * alpha) / span + on.mean(turbulence.drag)
+    return void / hold * on.mean(turbulence.dispersion) * on.weight
+
+
+def predicted_flux(on: FacetForms, levels: Any, share: Face, spread: Face | None) -> Face:
+    """Volume flux F of the solids before their new pressure acts [m/s].
+
+        F = u_s.n - (what p_s drives of it) + f dt a + E rise(alpha_0)
+
+    share : f, part of the acceleration a of the faces that is carried on
+    """
+    start = levels.start
+    flux = start.solids_flux - start.pressure_flux
+    flux = flux + share * levels.span_faces * start.flux_acceleration
+    return flux if spread is None else flux + spread * on.rise(start.alpha)
+
+
+def solids_flux(
+    on: FacetForms, flux: Face, alpha: Any, p_s: Any, response: Face, spread: Face | None
+) -> Face:
+    """Volume flux of the solids at an iterate: F - R_ss rise(p_s)/(n.d) - E rise(alpha_s) [m/s]."""
+    found = flux - response * on.weight * on.rise(p_s)
+    return found if spread is None else found - spread * on.rise(alpha)
+
+
+def solids_fraction(
+    on: FacetForms,
+    w: Any,
+    alpha: Any,
+    flux: Face,
+    dt: Any,
+    levels: Any,
+    inflow: SimpleNamespace,
+    beyond: Face,
+) -> ufl.Form:
+    """Residual of the solids fraction.
+
+        (alpha_s - alpha_0)/dt + div(s F alpha_upwind + F_before + F_beyond) = source
+
+    flux : F, that of an iterate inside
+    levels : s and F_before, the weights of this step's flux and what the last one's adds
+    beyond : what linear values of the cells add to the upwind flux
+    """
+    weight, known = levels.flux_weight, levels.previous_flux + beyond
+    upwind = ufl.conditional(ufl.gt(flux.inner, 0), alpha("+"), alpha("-"))
+    leaving = ufl.max_value(flux.edge, 0) * alpha
+    fraction, velocity = _entering(inflow, "solids")
+    source = levels.span / dt * inflow.sources.solids + levels.previous_source
+    found = ((alpha - levels.start.alpha) / dt - source) * w * on.dx
+    through = weight * Face(flux.inner * upwind, leaving) + known
+    found += on.out(through, w, *IMPERMEABLE)
+    found += (weight.edge * inflow.passes * leaving + known.edge) * w * on.ds("outlet")
+    entering = fraction * velocity * inflow.profile.edge
+    return found + (known.edge - weight.edge * entering) * w * on.ds("inlet")
+
+
+# -- transport of Theta and of the scales of turbulence -------------------------------------------
+
+
+def _transported(
+    on: FacetForms, x: Any, w: Any, flux: Face, spread: Face, *parts: str, free: Any = None
+) -> ufl.Form:
+    """Sum over inflow of F (X - X_upwind), and of D (X - X_beyond)/(n.d) over inner faces.
+
+    parts : of the boundary, through which nothing but X = 0 enters
+    """
+    ahead, back = larger(flux, 0), larger(-flux, 0)
+    theirs, ours = x("-"), x("+")
+    if free is not None:
+        theirs, ours = free("+") * theirs, free("-") * ours
+    found = (back.inner + spread.inner) * ufl.inner(x("+") - theirs, w("+")) * on.dS
+    found += (ahead.inner + spread.inner) * ufl.inner(x("-") - ours, w("-")) * on.dS
+    return found + back.edge * ufl.inner(x, w) * on.ds(*parts)
+
+
+def transport(
+    on: FacetForms, x: Any, w: Any, flux: Face, diffusivity: Any, sink: Any, free: Any = None
+) -> ufl.Form:
+    """Operator of a scale X: sink X + sum_in F (X - X_upwind) + sum D (X - X_beyond)/(n.d).
+
+    flux : F, of mass [kg/m2/s], or over a density [m/s]
+    free : 0 in cells whose value is given, which feel no neighbour
+    """
+    spread = on.mean(diffusivity) * on.weight
+    return sink * x * w * on.dx + _transported(on, x, w, flux, spread, *PARTS, free=free)
+
+
+def transport_source(on: FacetForms, w: Any, flux: Face, gain: Any, entering: Any) -> ufl.Form:
+    """Right-hand side of `transport`: gain per volume, and X that enters with the flux."""
+    return gain * w * on.dx + ufl.max_value(-flux.edge, 0) * entering * w * on.ds("inlet")
+
+
+def energy_dilation(moved: Any, deformation: Any, levels: Any, order: int) -> Any:
+    """div u_s of the granular energy: the slower of two compressions at first order [1/s].
+
+    What the velocities of the step and those before it both compress is, as far as the step is of
+    second order, compressed as by those of the step; so is what they expand.
+    """
+    later, now = moved.dilation, deformation.dilation
+    found = ufl.max_value(later, now)
+    if not order:
+        return found
+    both = ufl.And(ufl.lt(later, 0), ufl.lt(now, 0))
+    trusted = ufl.conditional(ufl.Or(both, ufl.gt(later, 0)), levels.second_order, 0)
+    return found + trusted * (later - found)
+
+
+def temperature_sources(
+    solids: Any, start: Any, span: Any, alpha_start: Any, deformation: Any, beta: Any, energy: Any
+) -> tuple[Any, Any]:
+    """Sink over Theta, and gain, of the granular energy per volume [kg/m3/s], [W/m3].
+
+        3/2 a rho (Theta - Theta_0)/dt = 2 mu S:S + bulk (div u)^2 - p div u - gamma - 3 beta Theta
+
+    solids : coefficients at the state `theta` before, with their density; mu feeds Theta by
+        `shear_viscosity`, and p and gamma are linear in Theta
+    energy : what comes in from elsewhere
+    """
+    dilation, before = deformation.dilation, solids.theta
+    mass = 1.5 * solids.density * present(alpha_start)
+    unit = solids.pressure / before * dilation
+    sink = mass / span + solids.dissipation / before + 3 * beta + ufl.max_value(unit, 0)
+    sink += ufl.max_value(-energy, 0) / before
+    work = 2 * solids.shear_viscosity * deformation.shear
+    work += solids.bulk_viscosity * dilation**2 + ufl.max_value(-unit, 0) * before
+    return sink, mass / span * start + work + ufl.max_value(energy, 0)
+
+
+def wall_heat(on: FacetForms, theta: Any, heat: Any, x: Any, w: Any) -> tuple[ufl.Form, ufl.Form]:
+    """Heat of the wall into the granular energy [W/m2]: what falls with Theta, and what comes."""
+    sink = ufl.max_value(-heat, 0) / theta * x * w * on.ds("wall")
+    return sink, ufl.max_value(heat, 0) * w * on.ds("wall")
+
+
+def turbulence_step(
+    rate: Any, stiffness: Any, span: Any, start: Any, predicted: Any | None
+) -> tuple[Any, Any]:
+    """Sink over a X, and gain over a, of a scale X of turbulence [1/s].
+
+    predicted : X at the end of a step of second order, None in one of the first
+    """
+    rise, stiff = span * rate, span * stiffness
+    if predicted is not None:
+        kept = ufl.sqrt(1 + ufl.max_value(rise, 0) ** 2)
+        return (kept - rise + stiff) / span, (kept * start + stiff * predicted) / span
+    step = ufl.max_value(ufl.min_value(rise / (1 + stiff), LARGEST_STEP), -LARGEST_STEP)
+    small = ufl.lt(abs(step), SMALLEST_CHANGE)
+    step = ufl.conditional(small, SMALLEST_CHANGE, step)
+    # exp(q) - 1, without the difference
+    grown = 2 * ufl.exp(step / 2) * ufl.sinh(step / 2)
+    fitted = ufl.conditional(small, 1 + stiff, rise / grown) / span
+    return fitted, fitted * ufl.exp(step) * start
+
+
+# -- momentum -------------------------------------------------------------------------------------
+
+
+def momentum(
+    on: FacetForms, u: Any, w: Any, phase: SimpleNamespace, span: Any, inflow: SimpleNamespace
+) -> ufl.Form:
+    """Operator of the momentum of one phase without drag, on its velocity u.
+
+    a_0 rho u/dt + sum_in F (u - u_upwind) + sum mu (u - u_beyond)/(n.d) + c_wall u
+        + (4/3 mu + bulk) (u.n) n/(n.d) on sides
+
+    """
+    density, n = phase.density, on.normal.edge
+    spread = on.mean(phase.viscosity) * on.weight
+    if phase.implicit_correction is not None:
+        spread = spread + phase.implicit_correction
+    inertia = density.start * present(phase.fraction_start) / span
+    found = inertia * ufl.inner(u, w) * on.dx
+    found += _transported(on, u, w, density.upwind * phase.flux, spread, *BUT_INLET)
+    found += _mass_inflow(phase, inflow) * ufl.inner(u, w) * on.ds("inlet")
+    friction = phase.wall_friction.edge
+    found += friction * ufl.inner(u, w) * on.ds("wall")
+    pull = (phase.bulk_viscosity + 4 / 3 * phase.viscosity) * on.weight.edge
+    across = ufl.dot(u, n) * ufl.dot(w, n)
+    found += ufl.max_value(pull - friction, 0) * across * on.ds("wall")
+    return found + ufl.max_value(pull, 0) * across * on.ds("symmetry")
+
+
+def drag(on: FacetForms, u: Any, other: Any, w: Any, beta: Any) -> ufl.Form:
+    """Operator of the drag on a phase: beta (u - u_other)."""
+    return beta * ufl.inner(u - other, w) * on.dx
+
+
+def _mass_inflow(phase: SimpleNamespace, inflow: SimpleNamespace) -> Any:
+    """Mass of a phase that enters through the inlet [kg/m2/s]."""
+    fraction, velocity = _entering(inflow, phase.name)
+    return phase.density.inflow * fraction * velocity * inflow.profile.edge
+
+
+def _inlet_velocity(phase: SimpleNamespace, inflow: SimpleNamespace) -> Any:
+    """Normal velocity with which a phase enters, at its density there [m/s]."""
+    expansion = phase.density.inflow / phase.density.upwind.edge
+    return _entering(inflow, phase.name)[1] * expansion * inflow.profile.edge
+
+
+def momentum_source(
+    on: FacetForms,
+    w: Any,
+    phase: SimpleNamespace,
+    acceleration: Any,
+    force: Any,
+    span: Any,
+    inflow: SimpleNamespace,
+) -> ufl.Form:
+    """Right-hand side of the momentum of one phase, without `viscous_force`.
+
+    acceleration : by pressures and weight [m/s2]
+    force : on the phase from elsewhere [N/m3]
+    """
+    density = phase.density
+    inertia = density.start * present(phase.fraction_start) / span
+    found = inertia * ufl.inner(phase.velocity_start, w) * on.dx
+    found += density.cells * present(phase.fraction) * ufl.inner(acceleration, w) * on.dx
+    found += ufl.inner(_vector(force), w) * on.dx
+    entering = -_mass_inflow(phase, inflow) * _inlet_velocity(phase, inflow)
+    return found + entering * ufl.dot(on.normal.edge, w) * on.ds("inlet")
+
+
+def viscous_force(
+    on: FacetForms, w: Any, phase: SimpleNamespace, u: Any, gradient: Any
+) -> ufl.Form:
+    """What the operator of the momentum leaves of the viscous force of a velocity u.
+
+        div(mu (grad u)^T + mu grad u (n - d/(n.d)) + (bulk - 2/3 mu) (div u) n)
+
+    on inner faces, by the gradient (i, j) -> du_i/dx_j; on sides what spreads along them.
+    """
+    n, rate = on.normal, on.mean(gradient)
+    mu = on.mean(phase.viscosity)
+    bulk = on.mean(phase.bulk_viscosity) - 2 / 3 * mu
+    stress = mu * Face.of(lambda g, n: ufl.dot(n, g), rate, n)
+    stress = stress + mu * Face.of(ufl.dot, rate, n - on.delta * on.weight)
+    stress = stress + bulk * Face.of(ufl.tr, rate) * n
+    if phase.implicit_correction is not None:
+        stress = stress - phase.implicit_correction * on.rise(u)
+    along = ufl.tr(gradient) - ufl.dot(n.edge, ufl.dot(gradient, n.edge))
+    lateral = (phase.bulk_viscosity - 2 / 3 * phase.viscosity) * along
+    found = on.out(stress, w)
+    return found + lateral * ufl.dot(n.edge, w) * on.ds(*IMPERMEABLE)
+
+
+# -- forces on faces ------------------------------------------------------------------------------
+
+
+def face_force(
+    on: FacetForms,
+    phase: SimpleNamespace,
+    p: Any,
+    gravity: Any,
+    lifted: Any,
+    inflow: SimpleNamespace,
+) -> Face:
+    """Force along the normals of inner faces and the outlet [N/m3].
+
+        f = a (rho - rho_lifted) g.n - a rise(p)/(n.d) - rise(p_s)/(n.d) + dispersion
+
+    a : fraction that the face bears; p vanishes outside of the outlet, p_s does not change there
+    """
+    weight = Face.of(ufl.dot, on.normal, gravity) * (phase.density.faces - lifted)
+    force = phase.face_fraction * (weight - on.rise(p, 0) * on.weight)
+    if phase.pressure is not None:
+        force = force - on.rise(phase.pressure) * on.weight
+    if phase.dispersion_force is not None:
+        force = force + phase.dispersion_force
+    return force if phase.name == "gas" else Face(force.inner, inflow.passes * force.edge)
+
+
+def face_inertia(on: FacetForms, phase: SimpleNamespace, beta: Any, span: Any) -> Face:
+    """What holds a force of a face: mass for the solids [kg/m3]; m/dt + beta for the gas [kg/m3/s]."""
+    mass = phase.density.faces * present(phase.face_fraction)
+    return mass if phase.name == "solids" else mass / span + on.mean(beta)
+
+
+def cell_response(
+    on: FacetForms, a: Any, v: Any, phase: SimpleNamespace, beta: Any, span: Any
+) -> ufl.Form:
+    """Left-hand side for the acceleration a of the cells of a phase, of `face_response`.
+
+    Gas: a is 1/dt + beta/m of the velocity that the forces of its faces make.
+    """
+    if phase.name == "solids":
+        return on.least_squares(a, v, phase.counts)
+    mass = phase.density.cells * present(phase.fraction)
+    return on.least_squares(a / (1 / span + beta / mass), v)
+
+
+def face_response(on: FacetForms, v: Any, force: Face, inertia: Face, phase: Any) -> ufl.Form:
+    """Right-hand side for the acceleration of the cells of a phase: force over inertia of faces."""
+    counts = phase.counts if phase.name == "solids" else (1, 1)
+    return on.least_squares_of(force / inertia, v, "outlet", counts=counts)
+
+
+def cell_force(on: FacetForms, phase: SimpleNamespace, vector: Any, inertia: Face) -> Face:
+    """Force of the cells on inner faces and the outlet, which `face_force` exceeds by a gap [N/m3].
+
+    vector : of `least_squares` in the cells, by force over inertia
+    """
+    n = on.normal
+    if phase.name == "gas":
+        return inertia * Face.of(ufl.dot, on.mean(vector), n)
+    ahead, back = phase.shifted
+    found = Face.of(ufl.dot, on.mean(present(phase.fraction) * vector), n)
+    shifted = ahead * ufl.dot(vector("+"), n.inner) + back * ufl.dot(vector("-"), n.inner)
+    return phase.density.faces * Face(found.inner + shifted, found.edge)
+
+
+# -- pressure -------------------------------------------------------------------------------------
+
+
+def responses(
+    on: FacetForms, alpha: Any, beta: Any, span: Any, solids: Any, gas: Any
+) -> list[list[Face]]:
+    """R = [[m_s/dt + beta, -beta], [-beta, m_g/dt + beta]]^-1 on faces [m3 s/kg]."""
+    alpha, beta = on.mean(alpha), on.mean(beta)
+    m_s, m_g = solids * present(alpha) / span, gas * present(1 - alpha) / span
+    determinant = m_g * m_s + beta * (m_g + m_s)
+    between = beta / determinant
+    return [[(m_g + beta) / determinant, between], [between, (m_s + beta) / determinant]]
+
+
+def _passes(phase: SimpleNamespace, inflow: SimpleNamespace, flux: Face) -> Face:
+    """A flux that is held at an outlet which is blocked for its phase."""
+    return flux if phase.name == "gas" else Face(flux.inner, inflow.passes * flux.edge)
+
+
+def phase_fluxes(
+    on: FacetForms,
+    phases: list[SimpleNamespace],
+    velocities: list[Any],
+    gaps: list[Face],
+    response: list[list[Face]],
+    inflow: SimpleNamespace,
+) -> list[Face]:
+    """Volume fluxes before the projection on inner faces and the outlet: u.n + sum R gap [m/s]."""
+    found = []
+    for phase, u, row in zip(phases, velocities, response, strict=True):
+        flux = Face.of(ufl.dot, on.mean(u), on.normal)
+        for r, gap in zip(row, gaps, strict=True):
+            flux = flux + r * gap
+        found.append(_passes(phase, inflow, flux))
+    return found
+
+
+def follow(
+    on: FacetForms, phases: list[Any], response: list[list[Face]], inflow: SimpleNamespace
+) -> list[Face]:
+    """Fluxes of the phases over -rise(p): sum over the phases l of R_kl a_l/(n.d)."""
+    found = []
+    for phase, row in zip(phases, response, strict=True):
+        sums = [r * other.face_fraction for r, other in zip(row, phases, strict=True)]
+        found.append(_passes(phase, inflow, sum(sums[1:], sums[0]) * on.weight))
+    return found
+
+
+def total_of(phases: list[SimpleNamespace], parts: list[Face]) -> Face:
+    """Sum over the phases of a times a flux."""
+    sums = [phase.face_fraction * part for phase, part in zip(phases, parts, strict=True)]
+    return sum(sums[1:], sums[0])
+
+
+def pressure(on: FacetForms, p: Any, w: Any, stiffness: Face, gas: Any | None) -> ufl.Form:
+    """Operator of the change of the pressure p.
+
+        -div(weight sum_kl a_k R_kl a_l grad p), for an ideal gas + a_g p/(dt p_ref)
+
+    stiffness : flux of both phases over -rise(p)
+    gas : balance of an ideal gas, None for a constant density
+    """
+    flux = -stiffness * on.rise(p, 0)
+    if gas is None:
+        return on.out(flux, w, "outlet")
+    return on.out(gas.flux_weight * flux, w, "outlet") + gas.compressibility * p * w * on.dx
+
+
+def pressure_source(
+    on: FacetForms,
+    w: Any,
+    total: Face,
+    phases: list[SimpleNamespace],
+    inflow: SimpleNamespace,
+    gas: Any | None,
+) -> ufl.Form:
+    """Right-hand side of `pressure`: what the flux of both phases lacks of its balance.
+
+    total : on inner faces and the outlet; what enters is that of the inflow
+    gas : balance of an ideal gas, of whose mass this is, None for that of volume
+    """
+    enters = 0.0
+    for phase in phases:
+        fraction = _entering(inflow, phase.name)[0]
+        enters = enters - fraction * _inlet_velocity(phase, inflow)
+    sources = inflow.sources
+    if gas is None:
+        found = (sources.solids + sources.gas) * w * on.dx - on.out(total, w, "outlet")
+        return found - enters * w * on.ds("inlet")
+    weight, kept = gas.flux_weight, gas.previous_flux
+    found = (gas.source - gas.mass_growth) * w * on.dx
+    found -= on.out(weight * (total - gas.solids_flux) + kept, w, "outlet")
+    found -= (weight.edge * (enters - gas.solids_flux.edge) + kept.edge) * w * on.ds("inlet")
+    return found - (kept - weight * gas.solids_flux).edge * w * on.ds(*IMPERMEABLE)
+
+
+def ideal_gas_terms(
+    alpha: Any, alpha_before: Any, relative: Any, dt: Any, reference: Any
+) -> tuple[Any, Any]:
+    """Growth of the gas of a volume with the pressure [1/s/Pa], and at that of now [1/s].
+
+    a_g p/(dt p_ref),   d (a_s,before - a_s)/dt
+    """
+    return (1 - alpha) / (dt * reference), relative * (alpha_before - alpha) / dt
+
+
+def upwind_density(on: FacetForms, relative: Any, flux: Face, still: Any, outlet: Any) -> Face:
+    """Relative density upwind of a flux, interpolated where it is smaller than `still` [m/s]."""
+    upwind = ufl.conditional(ufl.lt(flux.inner, 0), relative("-"), relative("+"))
+    moving = ufl.ge(abs(flux.inner), still)
+    return Face(ufl.conditional(moving, upwind, on.mean(relative).inner), outlet)

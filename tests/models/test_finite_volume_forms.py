@@ -1,0 +1,526 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The arrays of one unsteady step against its DG0 forms in UFL, assembled by DOLFINx."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from dataclasses import dataclass, field, replace
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+import ufl
+from dolfinx import fem
+
+from fem_tfm import Case
+from fem_tfm.fenics import compile_form
+from fem_tfm.mesh import line
+from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow, forms, fraction
+from fem_tfm.models.finite_volume.cells import transport
+from fem_tfm.models.finite_volume.cells.facets import PARTS, Face, FacetForms
+from fem_tfm.models.finite_volume.cells.krylov import Krylov
+from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.state import Density, Sources
+
+# largest difference over the largest entry
+CLOSE = 1e-12
+DT = 2e-4
+
+COAL = {
+    "gas": {"density": 33.5, "viscosity": 1.8e-5},
+    "solids": {"density": 1700.0, "diameter": 1.6e-4, "restitution": 0.7},
+    "operation": {
+        "gas_superficial_velocity": 6.43,
+        "solids_fraction": 0.2,
+        "solids_velocity": 6.0,
+    },
+    "solution": "unsteady",
+    "closures": {"drag": "three-zone", "friction": "berzi", "turbulence": "mixing-length"},
+    "walls": {"gas": "log-law", "solids": "schneiderbauer"},
+    "inlet": {"profile": "power-law"},
+    "numerics": {"end_time": 1.0},
+}
+SHAPES: dict[str, dict[str, Any]] = {
+    "pipe": {"shape": "pipe", "diameter": 0.01, "length": 0.03},
+    "bend": {
+        "shape": "bend",
+        "diameter": 0.01,
+        "length": 0.147,
+        "bend_radius": 0.03,
+        "bend_angle_deg": 90.0,
+        "bend_start": 0.05,
+        "bend_towards": "up",
+    },
+    "sheared": {"shape": "duct", "width": 0.01, "height": 0.01, "length": 0.03},
+}
+FLOWS: dict[str, dict[str, Any]] = {
+    "mixing length": {"numerics.order": 0},
+    "mixing length, blocked outlet": {"numerics.order": 1},
+    "four equations": {
+        "numerics.order": 1,
+        "closures.turbulence": "realizable",
+        "closures.dispersed": {"model": "k-epsilon", "normal_stress": 1.0},
+        "closures.dispersion": "burns",
+        "walls.gas": "log-law-k",
+    },
+    "ideal gas": {
+        "numerics.order": 1,
+        "gas": {"species": "N2", "pressure": 2.92e6, "viscosity": 1.8e-5, "compressible": True},
+        "closures.turbulence": "k-epsilon",
+        "closures.dispersed": "simonin",
+    },
+    "ideal gas, first order": {
+        "numerics.order": 0,
+        "gas": {"species": "N2", "pressure": 2.92e6, "viscosity": 1.8e-5, "compressible": True},
+        "closures.turbulence": "k-epsilon",
+        "closures.dispersed": "simonin",
+    },
+}
+TURBULENT = [kind for kind, changes in FLOWS.items() if "closures.turbulence" in changes]
+
+
+@dataclass
+class Recorder:
+    """What the parts of a step were given and have given back, and their linear systems.
+
+    calls : arguments and result of each call of a method, by a name
+    systems : matrix and right-hand side of each linear solve within it
+    """
+
+    calls: dict[str, list[tuple[dict[str, Any], Any]]] = field(default_factory=dict)
+    systems: dict[str, list[tuple[sparse.csr_array, Array]]] = field(default_factory=dict)
+    _within: list[str] = field(default_factory=list)
+
+    def watch(self, patch: pytest.MonkeyPatch, owner: Any, method: str, name: str = "") -> None:
+        """Keep the calls of a function; without a name by that of the part that calls it."""
+        run, signature = getattr(owner, method), inspect.signature(getattr(owner, method))
+
+        def watched(*args: Any, **kwargs: Any) -> Any:
+            self._within.append(name or f"{self._within[-1]}: {method}")
+            found = run(*args, **kwargs)
+            given = dict(signature.bind(*args, **kwargs).arguments)
+            self.calls.setdefault(self._within.pop(), []).append((given, found))
+            return found
+
+        patch.setattr(owner, method, watched)
+
+    def watch_solvers(self, patch: pytest.MonkeyPatch) -> None:
+        """Keep all linear systems."""
+        solve = Krylov.solve
+
+        def watched(krylov: Krylov, rhs: Array, *args: Any) -> Array:
+            start, columns, values = krylov.matrix.matrix.getValuesCSR()
+            matrix = sparse.csr_array((values.copy(), columns, start))
+            self.systems.setdefault(self._within[-1], []).append((matrix, rhs.copy()))
+            return solve(krylov, rhs, *args)
+
+        patch.setattr(Krylov, "solve", watched)
+
+
+class Observed:
+    """A flow on a mesh, and all that one of its steps has handed on, as arrays and in UFL."""
+
+    def __init__(self, shape: str, kind: str) -> None:
+        self.flow = flow = flowing(shape, kind)
+        self.line, self.cells, self.on = flow.line, flow.cells, FacetForms(flow.cells)
+        blocked = "blocked" in kind
+        feed = Inflow(6.43, 0.2, 6.0, blocked, sources(flow))
+        for _ in range(2):
+            flow.advance(DT, feed)
+        self.recorder = recorder = Recorder()
+        with pytest.MonkeyPatch.context() as patch:
+            recorder.watch_solvers(patch)
+            for part in ("fraction", "temperature", "turbulence"):
+                if getattr(flow, part):
+                    recorder.watch(patch, getattr(flow, part), "solve", part)
+            for method in ("phases", "forces", "solve"):
+                recorder.watch(patch, flow.momentum, method, f"momentum: {method}")
+            for part in (flow.temperature, flow.turbulence):
+                if part:
+                    recorder.watch(patch, part.transport, "solve")
+            recorder.watch(patch, flow.pressure, "project", "pressure")
+            recorder.watch(patch, flow.laws, "solids_pressure")
+            for module in (fraction, transport):
+                recorder.watch(patch, module, "limit_flux")
+            if flow.ideal_gas:
+                recorder.watch(patch, flow.ideal_gas, "balance", "ideal gas")
+            flow.advance(DT, feed)
+        self.feed, self.inflow = feed, forms.inflow_fields(self.on, feed, flow.line)
+
+    def call(self, name: str) -> tuple[SimpleNamespace, Any]:
+        """Arguments and result of the last call of a part."""
+        given, found = self.recorder.calls[name][-1]
+        return SimpleNamespace(**given), found
+
+
+def flowing(shape: str, kind: str) -> UnsteadyFlow:
+    """A flow with smooth random fields."""
+    axial = {"pipe": 8, "bend": 12, "sheared": 8}[shape]
+    changes = {"numerics.axial_cells": axial, "numerics.level": 1}
+    given = Case.from_dict({**COAL, "geometry": SHAPES[shape]}).with_values(changes | FLOWS[kind])
+    mesh = line(given)
+    if shape == "sheared":
+        x = mesh.mesh.geometry.x
+        x[:, 1] += math.tan(math.radians(30.0)) * x[:, 2]
+    flow = UnsteadyFlow(given, mesh)
+    random = np.random.default_rng(1)
+    place = flow.cells.centre / 0.01
+
+    def smooth(*shape: int) -> Array:
+        """Waves of random directions, between -1 and 1."""
+        found = np.zeros((flow.cells.count, *shape))
+        for index in np.ndindex(*shape):
+            found[:, *index] = np.sin(place @ random.uniform(-1, 1, 3) * 3 + random.uniform(0, 6))
+        return found
+
+    flow.initialise(0.3 + 0.25 * smooth(), 0.05 * np.exp(smooth()), 500 * smooth())
+    axis = flow.mesh.axis(flow.cells.centre)
+    flow.set_velocities(4.0 * axis + smooth(3), 6.0 * axis + 2.0 * smooth(3))
+    return flow
+
+
+def sources(flow: UnsteadyFlow) -> Sources:
+    """Volumes, forces and energy that come into every cell."""
+    owned = flow.cells.owned
+    wave = np.sin(np.arange(owned))
+    force = 50 * np.stack([wave, wave**2, 1 - wave], axis=1)
+    return Sources(0.1 * wave, 0.2 * wave**2, force, -force, 100 * wave)
+
+
+observed = cache(Observed)
+
+
+@pytest.fixture(params=SHAPES)
+def shape(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture(params=FLOWS)
+def step(shape: str, request: pytest.FixtureRequest) -> Observed:
+    return observed(shape, request.param)
+
+
+def assert_close(found: Array, wanted: Array, largest: float = 0.0) -> None:
+    """Equal within round-off of the largest entry, or of one given."""
+    largest = max(largest, np.abs(wanted).max())
+    assert largest > 0
+    wrong = np.abs(found - wanted).max() / largest
+    print(f"{wrong:.1e}", end=" ")
+    assert wrong <= CLOSE
+
+
+def matrix_of(form: ufl.Form) -> sparse.csr_array:
+    """Matrix of a bilinear form of values of cells."""
+    return fem.assemble_matrix(compile_form(form)).to_scipy()
+
+
+def assert_same_matrix(form: ufl.Form, wanted: sparse.csr_array) -> None:
+    difference = matrix_of(form) - wanted
+    wrong = np.abs(difference.data).max() / np.abs(wanted.data).max()
+    print(f"{wrong:.1e}", end=" ")
+    assert wrong <= CLOSE
+
+
+def open_faces(step: Observed) -> Array:
+    """Inner faces and those of the outlet."""
+    return step.line.open > 0
+
+
+# -- geometry -------------------------------------------------------------------------------------
+
+
+def test_geometry_of_faces_is_that_of_the_forms(shape: str) -> None:
+    step = observed(shape, "mixing length")
+    on, cells = step.on, step.cells
+    inner = slice(0, cells.inner_count)
+    assert_close(on.values(on.weight) * cells.face_area, cells.face_weight)
+    for i in range(3):
+        normal = Face.of(lambda n, i=i: n[i], on.normal)
+        assert_close(on.values(normal) * cells.face_area, cells.area[:, i], cells.face_area.max())
+    q = cells.centre @ np.array([0.3, -1.1, 0.7])
+    mean = on.values(on.mean(on.cell(q)))
+    assert_close(mean, cells.to_faces(q))
+    assert np.abs(cells.interpolation_weight - 0.5).max() > 0.01 or shape == "sheared"
+    flux = np.cos(np.arange(cells.face_count))
+    w = ufl.TestFunction(on.scalars)
+    assert_close(on.assembled(on.out(on.density(flux), w, *PARTS)), cells.net_flux(flux))
+    assert_close(on.assembled(on.both(on.density(flux), w, *PARTS)), cells.sum_faces(flux))
+    assert inner.stop > 100
+
+
+def test_gradients_and_reconstructed_vectors_solve_their_least_squares(shape: str) -> None:
+    step = observed(shape, "mixing length")
+    on, cells, line = step.on, step.cells, step.line
+    v = ufl.TestFunction(on.vectors)
+    q = np.sin(cells.centre @ np.array([300.0, 200.0, -100.0]))
+    wanted = on.assembled(on.gradient_of(on.cell(q), v))
+    assert_close(on.assembled(on.gradient(on.cell(cells.gradient(q)), v)), wanted)
+    normal = np.cos(np.arange(cells.face_count))
+    wanted = on.assembled(on.least_squares_of(on.face(normal), v, *PARTS[1:]))
+    found = on.cell(line.reconstruct(normal))
+    assert_close(on.assembled(on.least_squares(found, v)), wanted)
+
+
+# -- solids fraction ------------------------------------------------------------------------------
+
+
+def acceleration_shares(step: Observed, given: SimpleNamespace, spread: Array | None) -> Array:
+    """Share of the acceleration of inner faces that is carried on, from sums over faces in UFL."""
+    on, cells, laws = step.on, step.cells, step.flow.laws
+    w, limit = ufl.TestFunction(on.scalars), laws.solids.packing_limit
+    pressures = step.recorder.calls["fraction: solids_pressure"]
+    alpha, p_s, risen = pressures[0][0]["alpha"], pressures[0][1], pressures[1][1]
+    odds = alpha / (limit - alpha)
+    slope = np.maximum((risen - p_s) / (1e-7 * (1 + odds)), 0.0)
+    rate = cells.volume / given.dt
+    push = on.face(given.levels.flux_weight * given.response) * on.weight
+    sound = on.assembled(on.both(push, w)) / rate * slope * alpha * (1 + odds) ** 2 / limit
+    share = on.face(given.levels.acceleration_share).inner
+    if spread is not None:
+        wide = on.cell(on.assembled(on.both(spread, w)) / rate)
+        share = share / (1 + ufl.max_value(wide("+"), wide("-")) ** 2)
+    largest = on.cell(sound)
+    largest = ufl.max_value(largest("+"), largest("-"))
+    return Face(ufl.max_value(largest / (1 + largest), share), 0)
+
+
+def test_residual_of_the_solids_fraction_is_that_of_the_form(step: Observed) -> None:
+    on, w = step.on, ufl.TestFunction(step.on.scalars)
+    given, found = step.call("fraction")
+    levels, spread = forms.level_fields(on, given.levels), None
+    if given.coefficients is not None and given.coefficients.dispersion is not None:
+        turbulence, laws = on.fields(given.coefficients), step.flow.laws
+        gas = on.constant(laws.gas.density)
+        if turbulence.relative_density is not None:
+            gas = gas * on.mean(turbulence.relative_density)
+        densities = on.constant(laws.solids.density), gas
+        alpha = levels.now.alpha
+        spread = forms.dispersion_response(on, alpha, turbulence, densities, levels.span_faces)
+    share = acceleration_shares(step, given, spread)
+    flux = forms.predicted_flux(on, levels, share, spread)
+    pressures = step.recorder.calls["fraction: solids_pressure"]
+    beyond = step.recorder.calls.get("fraction: limit_flux", [])
+    systems = step.recorder.systems["fraction"]
+    assert len(systems) > 1
+    for i, (_, rhs) in enumerate(systems):
+        alpha, p_s = on.cell(pressures[2 * i][0]["alpha"]), on.cell(pressures[2 * i][1])
+        more = beyond[min(i, len(beyond) - 1)][1] if beyond else np.zeros(step.cells.face_count)
+        through = forms.solids_flux(on, flux, alpha, p_s, on.face(given.response), spread)
+        form = forms.solids_fraction(
+            on, w, alpha, through, on.constant(given.dt), levels, step.inflow, on.density(more)
+        )
+        assert_close(on.assembled(form), -rhs, step.cells.volume.max() / given.dt)
+    # the answer is what these fluxes leave, whatever Newton's method has left of the residual
+    passed = on.out(on.density(found.step_flux), w, *PARTS) - on.cell(found.step_source) * w * on.dx
+    change = (on.cell(found.alpha) - levels.start.alpha) / on.constant(given.dt) * w * on.dx
+    assert_close(on.assembled(change), -on.assembled(passed))
+
+
+# -- granular temperature and turbulence ----------------------------------------------------------
+
+
+def test_equation_of_the_granular_temperature_is_that_of_the_form(step: Observed) -> None:
+    on, laws = step.on, step.flow.laws
+    x, w = ufl.TrialFunction(on.scalars), ufl.TestFunction(on.scalars)
+    given, _ = step.call("temperature")
+    levels, beta = forms.level_fields(on, given.levels), on.cell(given.beta)
+    moved, old = on.fields(given.transported), on.fields(given.old)
+    start, deformation = on.fields(given.start), on.fields(given.deformation)
+    dilation = forms.energy_dilation(moved, deformation, levels, step.line.order)
+    alpha, theta = given.transported.alpha, given.old.theta
+    numbers = on.cell_values(dilation)
+    grains = laws.grains(alpha, theta, replace(given.deformation, dilation=numbers))
+    kinetic = on.fields(grains.kinetic._asdict())
+    solids = SimpleNamespace(**kinetic, theta=old.theta, density=on.constant(laws.solids.density))
+    deformation = SimpleNamespace(shear=deformation.shear, dilation=dilation)
+    sink, gain = forms.temperature_sources(
+        solids, start.theta, levels.span, start.alpha, deformation, beta, step.inflow.sources.energy
+    )
+    heat = wall_heat(step, given, grains)
+    falls, comes = forms.wall_heat(on, old.theta, on.face(heat).edge, x, w)
+    flux = 1.5 * solids.density * moved.flux
+    form = forms.transport(on, x, w, flux, solids.conductivity, sink) + falls
+    entering = (
+        on.constant(step.flow.case.inlet.solids_intensity) * step.inflow.solids_velocity
+    ) ** 2
+    side = on.assembled(forms.transport_source(on, w, flux, gain, entering) + comes)
+    assert_systems(step, "temperature", form, side)
+
+
+def wall_heat(step: Observed, given: SimpleNamespace, grains: Any) -> Array:
+    laws, line, edge = step.flow.laws, step.line, step.cells.first[step.line.wall]
+    slip = laws.slip(given.old.u_s[edge], line.normal[line.wall])
+    state = laws.wall_state(given.transported.alpha, given.old.theta, grains, slip, edge)
+    return step.on.on_part("wall", laws.wall_heat(state))
+
+
+def assert_systems(
+    step: Observed, name: str, form: ufl.Form, side: Array, first: int = 0, free: Any = 1
+) -> None:
+    """The matrix of a transport, and its side less what linear values in the cells carry."""
+    name = f"{name}: solve"
+    limited = step.recorder.calls.get(f"{name}: limit_flux")
+    count = 2 if limited else 1
+    for i in range(first * count, (first + 1) * count):
+        matrix, rhs = step.recorder.systems[name][i]
+        assert_same_matrix(form, matrix)
+        on = step.on
+        w = ufl.TestFunction(on.scalars)
+        beyond = on.assembled(on.out(on.density(limited[i][1]), free * w)) if limited else 0.0
+        assert_close(side - beyond, rhs)
+
+
+@pytest.mark.parametrize("kind", TURBULENT)
+def test_equations_of_the_turbulence_are_those_of_the_forms(shape: str, kind: str) -> None:
+    step = observed(shape, kind)
+    on, flow = step.on, step.flow
+    x, w = ufl.TrialFunction(on.scalars), ufl.TestFunction(on.scalars)
+    given, found = step.call("turbulence")
+    levels = forms.level_fields(on, given.levels)
+    start, at, moved = on.fields(given.start), on.fields(given.at), on.fields(given.transported)
+    coefficients = on.fields(given.coefficients)
+    assert list(found)
+    for i, name in enumerate(found):
+        solids = name.endswith("_s")
+        before, after = (s.alpha if solids else 1 - s.alpha for s in (start, at))
+        flux = moved.flux if solids else at.total_flux - moved.flux
+        density, relative = Density.constant(1.0), np.ones(step.cells.count)
+        if given.gas_balance is not None and not solids:
+            density = given.gas_balance.density.relative_to(flow.laws.gas.density)
+            relative = given.coefficients.relative_density
+        density, relative = forms.density_fields(on, density), on.cell(relative)
+        held = step.recorder.calls["turbulence: solve"][i][0]["held"]
+        free, value = np.ones(step.cells.count), np.ones(step.cells.count)
+        if held is not None:
+            free[held[0]], value[held[0]] = 0.0, held[1]
+        free, value = on.cell(free), on.cell(value)
+        sink, gain = forms.turbulence_step(
+            coefficients.rate[name],
+            coefficients.stiffness[name],
+            levels.span,
+            start.scales[name],
+            levels.predicted.scales[name] if given.levels.previous else None,
+        )
+        inertia = density.start * forms.present(before)
+        spread = forms.present(after) * relative * coefficients.diffusivity[name]
+        flux, sink, gain = density.upwind * flux, inertia * sink, inertia * gain
+        form = forms.transport(on, x, w, flux, spread, sink, free)
+        enters = on.constant(entering(flow, name, step.feed))
+        side = forms.transport_source(on, free * w, flux, gain, enters)
+        side += forms.transport(on, (1 - free) * value, w, flux, spread, sink, on.constant(0.0))
+        assert_systems(step, "turbulence", form, on.assembled(side), i, free)
+
+
+def entering(flow: UnsteadyFlow, name: str, feed: Inflow) -> float:
+    """A scale of what enters."""
+    law = flow.case.closures.dispersed if name.endswith("_s") else flow.case.closures.turbulence
+    phase, given = ("solids" if name.endswith("_s") else "gas"), flow.case.inlet
+    intensity = given.solids_intensity if phase == "solids" else given.gas_intensity
+    length = given.length_scale * flow.laws.width
+    return float(np.exp(law.estimate(feed.mean_velocity(phase), intensity, length)[f"ln_{name}"]))
+
+
+# -- momentum -------------------------------------------------------------------------------------
+
+
+def phases_of(step: Observed) -> list[SimpleNamespace]:
+    return [forms.phase_fields(step.on, phase) for phase in step.call("momentum: phases")[1]]
+
+
+def assert_faces(step: Observed, found: Face, wanted: Array, sums: bool = False) -> None:
+    """Values of inner faces and of the outlet."""
+    values, where = step.on.values(found), step.line.open > 0
+    if sums:
+        values = values * step.cells.face_area
+    assert_close(values[where], wanted[where])
+
+
+def test_forces_on_faces_and_in_cells_are_those_of_the_forms(step: Observed) -> None:
+    on, v = step.on, ufl.TestFunction(step.on.vectors)
+    given, (gaps, accelerated) = step.call("momentum: forces")
+    levels, p, beta = (
+        forms.level_fields(on, given.levels),
+        on.cell(given.at.p),
+        on.cell(given.beta),
+    )
+    gravity = on.constant(step.flow.case.gravity_vector)
+    ideal = step.flow.ideal_gas
+    lifted = on.constant(ideal.hydrostatic_density if ideal else step.flow.gas.density)
+    for phase, gap, a in zip(phases_of(step), gaps, accelerated, strict=True):
+        force = forms.face_force(on, phase, p, gravity, lifted, step.inflow)
+        inertia = forms.face_inertia(on, phase, beta, levels.span_faces)
+        wanted = on.assembled(forms.face_response(on, v, force, inertia, phase))
+        found = on.cell(a)
+        form = forms.cell_response(on, found, v, phase, beta, levels.span)
+        assert_close(on.assembled(form), wanted)
+        if phase.name == "gas":
+            mass = phase.density.cells * forms.present(phase.fraction)
+            found = found / (1 / levels.span + beta / mass)
+        cell = forms.cell_force(on, phase, found, inertia)
+        assert_faces(step, force - cell, gap)
+
+
+def test_momentum_of_both_phases_is_that_of_the_forms(step: Observed) -> None:
+    on, cells, w = step.on, step.cells, ufl.TestFunction(step.on.vectors)
+    given, _ = step.call("momentum: solve")
+    levels, beta, phases = (
+        forms.level_fields(on, given.levels),
+        on.cell(given.beta),
+        phases_of(step),
+    )
+    random = np.random.default_rng(2)
+    arrays = [random.standard_normal((cells.count, 3)) for _ in phases]
+    velocities = [on.cell(u) for u in arrays]
+    actions, sides = [], []
+    for k, phase in enumerate(phases):
+        u, other = velocities[k], velocities[1 - k]
+        form = forms.momentum(on, u, w, phase, levels.span, step.inflow)
+        actions.append(on.assembled(form + forms.drag(on, u, other, w, beta)))
+        force = step.inflow.sources.force_s if phase.name == "solids" else step.inflow.sources.force_g
+        force = force + (-1 if phase.name == "solids" else 1) * on.cell(given.dragged)
+        acceleration = on.cell(given.accelerated[k])
+        form = forms.momentum_source(on, w, phase, acceleration, force, levels.span, step.inflow)
+        sides.append(on.assembled(form))
+    known = [(phase.velocity_now, phase.gradient) for phase in phases]
+    assert_momentum(step, given, phases, 0, actions, arrays, sides, known)
+
+
+def assert_momentum(
+    step: Observed,
+    given: SimpleNamespace,
+    phases: list[SimpleNamespace],
+    solve: int,
+    actions: list[Array],
+    arrays: list[Array],
+    sides: list[Array],
+    known: list[Any],
+) -> None:
+    """Action of the matrices and right-hand sides of one solve of all components."""
+    on, cells, line, w = step.on, step.cells, step.line, ufl.TestFunction(step.on.vectors)
+    systems = step.recorder.systems["momentum: solve"]
+    many = len(systems) // (2 if line.order else 1)
+    wanted = [side + on.assembled(forms.viscous_force(on, w, phase, *at))
+              for side, phase, at in zip(sides, phases, known, strict=True)]
+    if line.order:
+        for k, phase in enumerate(given.phases):
+            u, gradient = (on_arrays(x) for x in known[k])
+            flux = given.levels.second_order_faces * phase.density.upwind * phase.flux
+            beyond = line.second_order_flux(flux, u, line.velocity_scale, gradient)
+            wanted[k] = wanted[k] - on.assembled(on.out(on.density(beyond), w))
+    for i, components in enumerate(step.flow.momentum.tied_components):
+        matrix, rhs = systems[solve * many + i]
+        x = np.stack([u[:, components] for u in arrays], axis=2)
+        found = np.stack([a[:, components] for a in actions], axis=2)
+        assert_close(found.ravel(), matrix @ x.ravel())
+        found = np.stack([a[:, components] for a in wanted], axis=2)
+        assert_close(found.ravel(), rhs)
+
+
+def on_arrays(function: Any) -> Array:
+    """Values of cells of a function."""
+    space = function.function_space
+    return function.x.array.reshape(-1, *space.element.basix_element.value_shape)
