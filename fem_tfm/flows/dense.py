@@ -17,7 +17,7 @@ from fem_tfm.flows.driver import Answer, Scene
 from fem_tfm.flows.section import Section, Setup
 from fem_tfm.flows.section_recorder import SectionRecorder
 from fem_tfm.mesh import geometry_of, resolution_of, section
-from fem_tfm.models.two_fluid import ClosureSet, Numerics
+from fem_tfm.models.two_fluid import ClosureSet, Stabilisation
 from fem_tfm.output.fields import FieldWriter, snapshot
 from fem_tfm.output.files import on_root
 from fem_tfm.output.pictures import SectionView, section_picture, vertical_profile
@@ -27,8 +27,8 @@ from fem_tfm.output.result import Result
 # coarsest mesh of the nested iteration, core cell over the hydraulic diameter
 COARSEST = 0.25
 # regularisations in units of U_g and D; their effect on the pressure gradient is in docs/dense.md
-ALPHA_DIFFUSION, SLIP_FLOOR, SHEAR_FLOOR, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 1e-4, 1e-3, 0.1, 1e-8
-WALL_PENALTY, SMOOTHING, SMALLEST_RATE, K_FLOOR = 200.0, 0.05, 1e-4, 2.5e-4
+ALPHA_DIFFUSION, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 0.1, 1e-8
+WALL_PENALTY, SMOOTHING, SMALLEST_RATE = 200.0, 0.05, 1e-4
 # a state that breaks a balance by more is no answer
 BALANCE_ERROR = 1e-6
 # and one whose gradient the raised terms of the mesh change by a larger share is none either
@@ -40,40 +40,26 @@ def setup_of(case: Case) -> Setup:
     speed, width = case.operation.gas_superficial_velocity, case.geometry.hydraulic_diameter
     gas, given = case.gas_material, case.numerics
     diffusion = given.alpha_diffusion
-    numerics = Numerics(
+    numerics = Stabilisation.scaled(
+        speed,
+        width,
+        case.solids_material,
+        given.theta_floor,
+        case.walls.grain_gap,
         alpha_diffusion=ALPHA_DIFFUSION * speed * width if diffusion is None else diffusion,
         capture=given.capture,
         damping=given.damping,
         smallest_rate=SMALLEST_RATE * speed / width,
-        theta_floor=given.theta_floor,
-        slip_floor=SLIP_FLOOR * speed,
-        grain_gap=case.walls.grain_gap * (case.solids.diameter if case.solids else 0.0),
-        k_floor=K_FLOOR * speed**2,
-        shear_floor=SHEAR_FLOOR * speed / width,
         wall_penalty=WALL_PENALTY,
         wall_speed=WALL_SPEED * speed,
         pressure_shift=PRESSURE_SHIFT / (width * gas.density * speed),
         relaxation=width / speed,
         smoothing=SMOOTHING * width,
     )
-    laws = case.closures
-    closures = ClosureSet(
-        drag=laws.drag,
-        radial=laws.radial,
-        granular=laws.granular,
-        friction=laws.friction,
-        turbulence=laws.turbulence,
-        gas_wall=case.walls.gas,
-        solids_wall=case.walls.solids,
-        dispersed=laws.dispersed,
-        dispersion=laws.dispersion,
-        theta=laws.theta,
-        friction_feeds_theta=laws.friction_feeds_theta,
-    )
     return Setup(
         gas=gas,
         solids=case.solids_material,
-        closures=closures,
+        closures=ClosureSet.of(case.closures, case.walls),
         numerics=numerics,
         gravity=case.gravity_vector,
         wall_offset=case.wall_distance,

@@ -26,7 +26,7 @@ from fem_tfm.fenics import compile_form
 from fem_tfm.flows.discretisation import Discretisation
 from fem_tfm.mesh import Mesh
 from fem_tfm.models.axis import Axis, DevelopedAxis
-from fem_tfm.models.two_fluid import ClosureSet, Domain, Numerics, State, TwoFluid
+from fem_tfm.models.two_fluid import ClosureSet, Domain, Stabilisation, State, TwoFluidForms
 from fem_tfm.solvers.newton import Block, Border, BorderedNewton
 
 
@@ -41,7 +41,7 @@ class Setup:
     gas: Gas
     solids: Solids | None
     closures: ClosureSet
-    numerics: Numerics
+    numerics: Stabilisation
     gravity: tuple[float, float, float]
     wall_offset: float
     gas_velocity: float
@@ -157,7 +157,7 @@ class Section(Discretisation):
         self.source = self._constant(0.0)
         self.domain = self._domain()
         self.area = self.integral("area", self._constant(1.0))
-        self.model = TwoFluid(*setup.bound(self._number), self._axis(), self.domain)
+        self.model = TwoFluidForms(*setup.bound(self._number), self._axis(), self.domain)
         # terms of the mesh, and a Rougher state where they are raised
         self.mesh_terms, self.rougher = MeshTerms(), None
         self.newton = self._newton(progress)
@@ -214,7 +214,6 @@ class Section(Discretisation):
             normal=ufl.as_vector((n[0], n[1], 0.0)),
             wall_distance=geometry.wall_distance(x),
             wall_offset=self._constant(self.setup.wall_offset),
-            radius=self._constant(geometry.hydraulic_diameter / 2),
             diameter=self._constant(geometry.hydraulic_diameter),
             wall_cell=1 / ufl.sqrt(ufl.inner(across, across)),
             cell_area=abs(ufl.JacobianDeterminant(mesh)),

@@ -66,7 +66,7 @@ def cold(section: Section) -> None:
         logit = float(np.log(alpha / (setup.solids.packing_limit - alpha)))
         for i, value in ((3, logit), (4, AGITATION_START * setup.gas_velocity)):
             section.now.x.array[section.space.sub(i).collapse()[1]] = value
-    length = nikuradse(section.model.stretch()[0], section.model.domain.radius)
+    length = nikuradse(section.model.stretch()[0], section.model.domain.diameter / 2)
     speed = setup.gas_velocity
     set_turbulence(section, length, (speed, GAS_INTENSITY), (speed, SOLIDS_INTENSITY))
     _strong_zero(section)

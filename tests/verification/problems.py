@@ -20,7 +20,7 @@ from fem_tfm.flows.dense import setup_of
 from fem_tfm.flows.developed import solve_level, step_control
 from fem_tfm.flows.section import Section
 from fem_tfm.mesh import Mesh, geometry_of, resolution_of, section
-from fem_tfm.models.two_fluid import Domain, Numerics, State
+from fem_tfm.models.two_fluid import Domain, Stabilisation, State
 from fem_tfm.solvers.newton import BorderedNewton
 
 DEMO = Path(__file__).parents[2] / "demos" / "dense_pipe" / "case3.toml"
@@ -116,7 +116,6 @@ def square(cells: int, degree: int, kind: dmesh.CellType) -> tuple[Any, Domain]:
         normal=ufl.as_vector((n[0], n[1], 0.0)),
         wall_distance=distance(x),
         wall_offset=fem.Constant(mesh, OFFSET),
-        radius=fem.Constant(mesh, RADIUS),
         diameter=fem.Constant(mesh, 2 * RADIUS),
         wall_cell=fem.Constant(mesh, WALL_CELL),
         cell_area=fem.Constant(mesh, WALL_CELL**2),
@@ -133,7 +132,7 @@ def distance(x: Any) -> Any:
     return 0.3 + 0.2 * x[0] * x[1] - 0.1 * x[0] ** 2
 
 
-def plain_numerics(**changes: float) -> Numerics:
+def plain_numerics(**changes: float) -> Stabilisation:
     """Regularisations of order one, so that every term of the forms weighs."""
     values = {
         "alpha_diffusion": 0.1,
@@ -145,10 +144,12 @@ def plain_numerics(**changes: float) -> Numerics:
         "grain_gap": 0.0,
         "k_floor": 0.02,
         "shear_floor": 0.1,
+        "void_fraction": 0.1,
+        "max_frictional_viscosity": 1e30,
         "wall_penalty": 3.0,
         "wall_speed": 0.5,
         "pressure_shift": 0.05,
         "relaxation": 0.3,
         "smoothing": 0.2,
     }
-    return Numerics(**{**values, **changes})
+    return Stabilisation(**{**values, **changes})

@@ -19,7 +19,7 @@ from fem_tfm.closures.materials import Gas, Solids
 from fem_tfm.fenics import compile_form
 from fem_tfm.flows.dense import setup_of
 from fem_tfm.models.axis import DevelopedAxis
-from fem_tfm.models.two_fluid import State, TwoFluid
+from fem_tfm.models.two_fluid import State, TwoFluidForms
 from fem_tfm.solvers.newton import Block, BorderedNewton
 from fem_tfm.solvers.pseudo_time import PseudoTime, StepControl
 
@@ -56,9 +56,11 @@ class Cell:
             solids_wall=make("solids-wall", "free-slip"),
             theta=theta,
         )
-        self.numerics = problems.plain_numerics(alpha_diffusion=0.0, theta_floor=0.0)
+        self.numerics = problems.plain_numerics(
+            alpha_diffusion=0.0, theta_floor=0.0, void_fraction=0.0
+        )
         # gas so thin that it neither heats nor cools: 3 beta/gamma is below 1e-12
-        model = TwoFluid(
+        model = TwoFluidForms(
             problems.constants(mesh, Gas(1e-12, 1e-20)),
             problems.constants(mesh, Solids(2500.0, DIAMETER)),
             problems.constants(mesh, laws),

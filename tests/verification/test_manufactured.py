@@ -21,7 +21,7 @@ from fem_tfm.fenics import compile_form
 from fem_tfm.flows.dense import setup_of
 from fem_tfm.flows.section import Section
 from fem_tfm.models.axis import DevelopedAxis
-from fem_tfm.models.two_fluid import ClosureSet, Numerics, State, TwoFluid
+from fem_tfm.models.two_fluid import ClosureSet, Stabilisation, State, TwoFluidForms
 
 SPEED, DRIVE, SOURCE = 5.0, 5e4, 3.0
 # numbers for which every term counts and none has a layer thinner than the coarsest cells; blends
@@ -198,10 +198,10 @@ def weight(x: Any) -> Any:
 class Weak:
     """All weak forms at the smooth state, tested with `weight` in one component at a time."""
 
-    def __init__(self, closures: ClosureSet, numerics: Numerics) -> None:
+    def __init__(self, closures: ClosureSet, numerics: Stabilisation) -> None:
         mesh, domain = problems.square(8, 9, CellType.quadrilateral)
         self.switches = [fem.Constant(mesh, 0.0) for _ in COMPONENTS]
-        model = TwoFluid(
+        model = TwoFluidForms(
             problems.constants(mesh, GAS),
             problems.constants(mesh, SOLIDS),
             problems.constants(mesh, closures),

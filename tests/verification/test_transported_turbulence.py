@@ -31,7 +31,7 @@ from fem_tfm.flows.section import Section
 from fem_tfm.interpolation import point_values
 from fem_tfm.mesh import resolution_of
 from fem_tfm.models.axis import DevelopedAxis
-from fem_tfm.models.two_fluid import State, TwoFluid
+from fem_tfm.models.two_fluid import State, TwoFluidForms
 
 LAWS = ("k-epsilon", "realizable")
 FOUR = {
@@ -217,6 +217,7 @@ class Strong:
         speed = np.sqrt((slip**2).sum(0) + self.numerics.slip_floor**2)
         g0 = laws.radial.g0(alpha, SOLIDS)
         kinetic = laws.granular.coefficients(alpha, theta, g0, SOLIDS, 2 * problems.RADIUS)
+        fade = alpha**2 / (alpha**2 + self.numerics.void_fraction**2)
         own = self.rates(u_s, "ln_k_s", "ln_eps_s", problems.distance(x), 1.0, x)
         grains = Grains(
             alpha,
@@ -226,7 +227,7 @@ class Strong:
             speed,
             -(slip * gradient(fraction, x)).sum(0) / alpha,
             SOLIDS,
-            kinetic.shear_viscosity / (alpha * SOLIDS.density),
+            fade * kinetic.shear_viscosity / (alpha * SOLIDS.density),
             own,
         )
         return alpha, slope, eddies, gas, grains
@@ -285,7 +286,7 @@ def test_weak_forms_are_the_stated_equations(chosen: dict[str, Any]) -> None:
     mesh, domain = problems.square(8, 9, CellType.quadrilateral)
     names = laws.turbulence.transported + laws.dispersed.transported
     switches = {name: fem.Constant(mesh, 0.0) for name in SCALES}
-    model = TwoFluid(
+    model = TwoFluidForms(
         problems.constants(mesh, GAS),
         problems.constants(mesh, SOLIDS),
         problems.constants(mesh, laws),

@@ -22,51 +22,31 @@ UFL expressions, which is also how the manufactured solutions are made.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import ufl
 from ufl.core.expr import Expr
 
-from fem_tfm.closures.base import Closure
 from fem_tfm.closures.dispersed import GasEddies, Grains
-from fem_tfm.closures.granular import Kinetic, algebraic_theta
 from fem_tfm.closures.materials import Gas, Solids
-from fem_tfm.closures.turbulence import Balance, Eddies, realizable_slope
-from fem_tfm.closures.walls import GasWallState, WallState
+from fem_tfm.closures.turbulence import Balance, Eddies
+from fem_tfm.closures.walls import WallState
 from fem_tfm.models.axis import Axis
+from fem_tfm.models.pointwise import (
+    ClosureSet,
+    Deformation,
+    GranularEnergy,
+    Pointwise,
+    Regularisation,
+    SolidsCoefficients,
+    tangential,
+)
 
 
-@dataclass(frozen=True)
-class ClosureSet:
-    """One closure of each family; `theta` is "transport" or "algebraic"."""
-
-    drag: Closure
-    radial: Closure
-    granular: Closure
-    friction: Closure
-    turbulence: Closure
-    gas_wall: Closure
-    solids_wall: Closure
-    dispersed: Closure
-    dispersion: Closure
-    theta: str = "transport"
-    friction_feeds_theta: bool = False
-
-    def bound(self, wrap: Callable[[float], Any]) -> ClosureSet:
-        """The same set with every parameter wrapped, so that a change recompiles nothing."""
-        names = (f.name for f in fields(self))
-        laws = {n: getattr(self, n) for n in names}
-        return replace(
-            self, **{n: c.bound(wrap) for n, c in laws.items() if isinstance(c, Closure)}
-        )
-
-
-@dataclass(frozen=True)
-class Numerics:
-    """Small stated regularisations of the weak forms.
+@dataclass(frozen=True, kw_only=True)
+class Stabilisation(Regularisation):
+    """Regularisation of the laws at a point, and what the finite elements need beside it.
 
     alpha_diffusion : diffusion of logit(alpha_s) [m2/s]; a mass-conserving diffusion
         D = alpha_diffusion/(alpha_s (1 - alpha_s/alpha_max)) that keeps voids bounded
@@ -75,11 +55,6 @@ class Numerics:
     damping : C of a viscosity C h^2 |grad u_perp| of the secondary flow [-]; it bounds the Reynolds
         number of a cell where the phase itself has next to no viscosity, and vanishes with h^2
     smallest_rate : added in quadrature to the rates of both [1/s]
-    theta_floor : granular temperature that an unsheared plug keeps [m2/s2]
-    slip_floor : added in quadrature to the slip speed in the drag [m/s]
-    grain_gap : height over which the drag fades to the wall [m], 0 for none
-    k_floor : turbulent energy that grains leave to the gas [m2/s2]
-    shear_floor : added in quadrature to the gas shear rate in the eddy viscosity [1/s]
     wall_penalty : factor of the weak condition u.n = 0 [-]
     wall_speed : speed of the inertial share of that condition [m/s]
     pressure_shift : compressibility that fixes the mean of p at zero [m s/kg]
@@ -93,20 +68,11 @@ class Numerics:
     capture: Any
     damping: Any
     smallest_rate: Any
-    theta_floor: Any
-    slip_floor: Any
-    grain_gap: Any
-    k_floor: Any
-    shear_floor: Any
     wall_penalty: Any
     wall_speed: Any
     pressure_shift: Any
     relaxation: Any
     smoothing: Any
-
-    def bound(self, wrap: Callable[[float], Any]) -> Numerics:
-        """The same values wrapped, so that a change recompiles nothing."""
-        return replace(self, **{f.name: wrap(getattr(self, f.name)) for f in fields(self)})
 
 
 @dataclass(frozen=True)
@@ -135,7 +101,7 @@ class Domain:
     normal : outward normal, three components
     wall_distance : distance to the wall-law plane's origin [m], a UFL expression
     wall_offset : distance y_p at which the gas wall law holds [m]
-    radius, diameter : half the hydraulic diameter and the diameter [m]
+    diameter : hydraulic diameter [m]
     wall_cell : height of the cell at a wall facet [m]
     cell_area : h^2, twice the area of a triangle and the area of a quadrilateral [m2]
     """
@@ -145,50 +111,38 @@ class Domain:
     normal: Expr
     wall_distance: Expr
     wall_offset: Any
-    radius: Any
     diameter: Any
     wall_cell: Expr
     cell_area: Expr
 
 
-@dataclass(frozen=True)
-class Solid:
-    """Pointwise quantities of the solids at one state (UFL expressions, SI units)."""
+@dataclass(frozen=True, kw_only=True)
+class Solid(SolidsCoefficients):
+    """The solids at one state: coefficients, and UFL expressions in SI units.
+
+    alpha, theta : solids fraction [-], granular temperature [m2/s2]
+    rate, strain, dilation : L, S and D [1/s]
+    square : S:S [1/s2]
+    mu_t : eddy viscosity of the phase [Pa s]
+    """
 
     alpha: Expr
     theta: Expr
-    g0: Expr
-    kinetic: Kinetic
-    p_f: Expr
-    mu_f: Expr
     rate: Expr
     strain: Expr
     dilation: Expr
+    square: Expr
     mu_t: Expr | float = 0.0
-
-    @property
-    def pressure(self) -> Expr:
-        """p_s = p_kinetic + p_f [Pa]."""
-        return self.kinetic.pressure + self.p_f
 
     @property
     def viscosity(self) -> Expr:
         """mu_s = mu_kinetic + mu_f + mu_t [Pa s]."""
-        return self.kinetic.shear_viscosity + self.mu_f + self.mu_t
+        return super().viscosity + self.mu_t
 
     def stress(self) -> Expr:
         """sigma_s = (-p_s + lambda_s D) I + 2 mu_s S [Pa]."""
         bulk = -self.pressure + self.kinetic.bulk_viscosity * self.dilation
         return bulk * ufl.Identity(3) + 2 * self.viscosity * self.strain
-
-    def kinetic_work(self) -> Expr:
-        """sigma_kin : grad u_s, the production of granular energy [W/m3]."""
-        k = self.kinetic
-        return (
-            2 * k.shear_viscosity * ufl.inner(self.strain, self.strain)
-            + k.bulk_viscosity * self.dilation**2
-            - k.pressure * self.dilation
-        )
 
 
 # unit vector downstream
@@ -200,15 +154,15 @@ def deviatoric_strain(rate: Expr) -> Expr:
     return ufl.sym(rate) - ufl.tr(rate) / 3 * ufl.Identity(3)
 
 
-class TwoFluid:
-    """Two-fluid model of gas and solids, or of the gas alone when `solids` is None.
+class TwoFluidForms:
+    """Weak forms of gas and solids, or of the gas alone when `solids` is None.
 
     Parameters
     ----------
     gas, solids : material properties (SI); `solids` None leaves the solids out of every form
     closures : one closure of each family
     gravity : vector of length 3 [m/s2]
-    numerics : regularisations
+    numerics : regularisation and stabilisation
     axis : the axial derivative
     domain : measures, normal and distances
     """
@@ -219,7 +173,7 @@ class TwoFluid:
         solids: Solids | None,
         closures: ClosureSet,
         gravity: Any,
-        numerics: Numerics,
+        numerics: Stabilisation,
         axis: Axis,
         domain: Domain,
     ) -> None:
@@ -230,6 +184,7 @@ class TwoFluid:
         self.numerics = numerics
         self.axis = axis
         self.domain = domain
+        self.at_point = Pointwise(gas, solids, closures, numerics, domain.diameter)
 
     # -- pointwise quantities ------------------------------------------------------------------
 
@@ -249,18 +204,18 @@ class TwoFluid:
         return self.axis.jacobian(getattr(state, phase)) + ufl.outer(along, AXIAL)
 
     def solid(self, state: State) -> Solid:
-        """Closures of the solids at a state."""
+        """The solids at a state."""
         alpha, theta = self.alpha(state), self.theta(state)
         rate = self.rate(state, "u_s")
-        strain, dilation = deviatoric_strain(rate), ufl.tr(rate)
-        g0 = self.closures.radial.g0(alpha, self.solids)
-        kinetic = self.closures.granular.coefficients(
-            alpha, theta, g0, self.solids, self.domain.diameter
-        )
-        shear = ufl.inner(strain, strain)
-        friction = self.closures.friction.stress(alpha, theta, shear, dilation, self.solids)
+        square, dilation = Deformation(rate).square, ufl.tr(rate)
         found = Solid(
-            alpha, theta, g0, kinetic, friction.pressure, friction.viscosity, rate, strain, dilation
+            **vars(self.at_point.coefficients(alpha, theta, square, dilation)),
+            alpha=alpha,
+            theta=theta,
+            rate=rate,
+            strain=deviatoric_strain(rate),
+            dilation=dilation,
+            square=square,
         )
         if not self.closures.dispersed.needs_k:
             return found
@@ -268,20 +223,14 @@ class TwoFluid:
         nu_t = self.closures.dispersed.viscosity(gas, grains)
         return replace(found, mu_t=alpha * self.solids.density * nu_t)
 
+    def slip_speed(self, state: State) -> Expr:
+        """|u_g - u_s|, kept off zero [m/s]."""
+        return self.at_point.speed(state.u_g - state.u_s)
+
     def drag(self, state: State) -> Expr:
-        """Drag coefficient beta [kg/m3/s] with the slip speed kept off zero.
-
-        It fades as y'^2/(y'^2 + gap^2) next to the wall, which the grains' centres cannot reach.
-        """
-        return self.alpha(state) * self.specific_drag(state)
-
-    def specific_drag(self, state: State) -> Expr:
-        """beta/alpha_s [kg/m3/s]."""
-        slip, height = state.u_g - state.u_s, self.stretch()[0] ** 2
-        speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
-        share = height / (height + self.numerics.grain_gap**2)
-        alpha = self.alpha(state)
-        return share * self.closures.drag.specific(alpha, speed, self.gas, self.solids)
+        """Drag coefficient beta [kg/m3/s]."""
+        height = self.stretch()[0]
+        return self.at_point.drag(self.alpha(state), self.slip_speed(state), height)
 
     def stretch(self) -> tuple[Expr, Expr]:
         """Height y' of the gas profile that a point carries [m], and dy'/dy."""
@@ -290,62 +239,39 @@ class TwoFluid:
 
     def eddies(self, state: State) -> Eddies:
         """What the gas's law of turbulence sees, in the coordinates of the stretched profile."""
-        rate = self.rate(state, "u_g")
-        return self._eddies(rate, state.ln_k, state.ln_eps, *self.stretch())
-
-    def _eddies(
-        self, rate: Expr, ln_k: Expr | None, ln_eps: Expr | None, height: Expr, slope: Expr
-    ) -> Eddies:
-        strain = deviatoric_strain(rate)
-        shear = 2 * ufl.inner(strain, strain) + self.numerics.shear_floor**2
-        found = Eddies(ufl.sqrt(shear) / slope, height, self.gas, self.domain.radius)
-        if ln_k is None:
-            return found
-        turn = (rate - rate.T) / 2
-        return replace(
-            found,
-            spin=ufl.sqrt(shear / 2 + ufl.inner(turn, turn)) / slope,
-            A_s=realizable_slope(
-                math.sqrt(6) * ufl.inner(strain * strain, strain) / (shear / 2) ** 1.5
-            ),
-            k=ufl.exp(ln_k),
-            eps=ufl.exp(ln_eps),
-        )
+        scales = () if state.ln_k is None else (ufl.exp(state.ln_k), ufl.exp(state.ln_eps))
+        rate = Deformation(self.rate(state, "u_g"))
+        return self.at_point.eddies(rate, *self.stretch(), *scales)
 
     def gas_eddies(self, state: State) -> GasEddies:
         """Gas turbulence as the grains meet it."""
-        eddies = self.eddies(state)
-        nu_t = self.closures.turbulence.viscosity(eddies) / self.gas.density
-        return GasEddies(eddies.k, eddies.eps, nu_t, self.gas.density, self.numerics.k_floor)
+        return self.at_point.gas_eddies(self.eddies(state))
 
     def grains(self, state: State, solid: Solid) -> Grains:
         """What the laws of dispersed turbulence see of the solids."""
-        slip = state.u_g - state.u_s
-        speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
         # grad(alpha)/alpha of the logit
         along = self.axis.change(lambda s: s.q, state)
         logit = self.axis.gradient(state.q) + along * AXIAL
         crowding = (1 - solid.alpha / self.solids.packing_limit) * logit
         eddies = None
         if state.ln_k_s is not None:
-            height = self.domain.wall_distance
-            eddies = self._eddies(solid.rate, state.ln_k_s, state.ln_eps_s, height, 1.0)
-        return Grains(
-            alpha=solid.alpha,
-            theta=solid.theta,
-            g0=solid.g0,
-            specific=self.specific_drag(state),
-            slip=speed,
-            drift=-ufl.inner(slip, crowding),
-            solids=self.solids,
-            viscosity=solid.kinetic.shear_viscosity / (solid.alpha * self.solids.density),
-            eddies=eddies,
+            scales = ufl.exp(state.ln_k_s), ufl.exp(state.ln_eps_s)
+            distance = self.domain.wall_distance
+            eddies = self.at_point.eddies(Deformation(solid.rate), distance, 1.0, *scales)
+        return self.at_point.grains(
+            solid.alpha,
+            solid.theta,
+            solid.g0,
+            solid.kinetic.shear_viscosity,
+            self.slip_speed(state),
+            self.stretch()[0],
+            -ufl.inner(state.u_g - state.u_s, crowding),
+            eddies,
         )
 
     def gas_viscosity(self, state: State) -> Expr:
         """mu_g,eff = mu_g + mu_t [Pa s], of the stretched profile where a wall law stretches it."""
-        mu_t = self.closures.turbulence.viscosity(self.eddies(state))
-        return (self.gas.viscosity + mu_t) / self.stretch()[1]
+        return self.at_point.gas_viscosity(self.eddies(state), self.stretch()[1])
 
     def numerical_flux(self, state: State) -> Expr:
         """Volume flux of the solids by the diffusion of q [m/s].
@@ -440,7 +366,7 @@ class TwoFluid:
         """Share of the normal stress 2/3 k of the eddies over a rho [m2/s2]."""
         if state.ln_k_s is None:
             return ufl.as_ufl(0.0)
-        return self.closures.dispersed.normal_stress * 2 / 3 * ufl.exp(ln_k)
+        return self.at_point.eddy_pressure(ufl.exp(ln_k))
 
     def granular_energy(self, now: State, old: State, w: Expr, idt: Any) -> ufl.Form:
         """Granular energy in c, or production = dissipation with `theta = "algebraic"`.
@@ -456,42 +382,33 @@ class TwoFluid:
         solid, c = self.solid(now), now.c
         slope, speed = self.axis.gradient(c), ufl.sqrt(solid.theta)
         if self.closures.theta == "algebraic":
-            wanted = ufl.sqrt(self.algebraic_theta(now, solid) + self.numerics.theta_floor)
+            wanted = ufl.sqrt(self.algebraic_theta(now, solid))
             lag = idt * self.numerics.relaxation * (c - old.c)
             smooth = self.numerics.smoothing**2 * slope
             return (
                 (c - wanted + lag) * w + ufl.inner(smooth, self.axis.gradient(w))
             ) * self.domain.dx
-        k, work = solid.kinetic, solid.kinetic_work()
-        if self.closures.friction_feeds_theta:
-            work += 2 * solid.mu_f * ufl.inner(solid.strain, solid.strain)
+        energy = self.energy(now, solid)
         flux = solid.alpha * now.u_s + self.numerical_flux(now)
         carried = idt * solid.alpha * (c - old.c) + ufl.inner(flux, slope)
         carried += solid.alpha * now.u_s[2] * self.axis.change(lambda s: s.c, now)
-        sink = (k.dissipation / solid.theta + 3 * self.drag(now)) * c
-        spread = 2 * k.conductivity
-        gain = (work + spread * ufl.inner(slope, slope)) / speed
-        heat = self.closures.solids_wall.heat(self.wall_state(now, solid), self.solids)
+        spread = 2 * solid.kinetic.conductivity
+        gain = energy.production - energy.compression + spread * ufl.inner(slope, slope)
+        heat = self.at_point.solids_wall_heat(self.wall_state(now, solid))
         return (
-            (3 * self.solids.density * carried + sink - gain) * w
+            (3 * self.solids.density * carried + energy.decay * c - gain / speed) * w
             + ufl.inner(spread * slope, self.axis.gradient(w))
         ) * self.domain.dx - heat / speed * w * self.domain.ds_wall
 
-    def algebraic_theta(self, state: State, solid: Solid) -> Expr:
-        """Theta where production equals dissipation [m2/s2].
+    def energy(self, state: State, solid: Solid) -> GranularEnergy:
+        """Sources of the granular energy."""
+        beta = self.drag(state)
+        return self.at_point.granular_energy(solid, solid.theta, solid.square, solid.dilation, beta)
 
-        It is without -p D: compression, which voids exaggerate, would feed Theta without bound.
-        """
-        return algebraic_theta(
-            solid.alpha,
-            solid.g0,
-            ufl.inner(solid.strain, solid.strain),
-            0.0,
-            self.closures.granular,
-            self.solids,
-            self.domain.diameter,
-            self.drag(state),
-        )
+    def algebraic_theta(self, state: State, solid: Solid) -> Expr:
+        """Theta where production equals dissipation and drag [m2/s2]."""
+        beta = self.drag(state)
+        return self.at_point.algebraic_theta(solid.alpha, solid.g0, solid.square, beta)
 
     def gas_turbulence(self, now: State, old: State, test: State, idt: Any) -> ufl.Form:
         """Transport of the logarithms of the gas's turbulence, each balance over its scale X.
@@ -502,13 +419,12 @@ class TwoFluid:
 
         with x = ln X.
         """
-        law, eddies, gain = self.closures.turbulence, self.eddies(now), 0.0
+        eddies, exchange = self.eddies(now), ()
         mass, slope = (1 - self.alpha(now)) * self.gas.density, self.stretch()[1]
         if self.solids is not None and self.closures.dispersed.needs_k:
-            grains = self.grains(now, self.solid(now))
-            gain = self.closures.dispersed.gain(self.gas_eddies(now), grains)
-        held, form = law.wall_values(eddies), ufl.Form([])
-        for name, balance in law.balances(eddies, gain).items():
+            exchange = self.gas_eddies(now), self.grains(now, self.solid(now))
+        held, form = self.closures.turbulence.wall_values(eddies), ufl.Form([])
+        for name, balance in self.at_point.gas_balances(eddies, *exchange).items():
             form += self.logarithm(name, "u_g", now, old, test, mass, balance, slope, idt)
             if name in held:
                 x, w = getattr(now, name), getattr(test, name)
@@ -531,10 +447,10 @@ class TwoFluid:
         solid = self.solid(now)
         gas, grains = self.gas_eddies(now), self.grains(now, solid)
         nu_s = self.closures.dispersed.viscosity(gas, grains)
-        spread = self.closures.dispersion.diffusivity(gas, grains, nu_s)
-        crowding = (1 - solid.alpha / self.solids.packing_limit) * self.axis.gradient(now.q)
-        force = grains.specific * solid.alpha * spread / (1 - solid.alpha) * crowding
-        return ufl.inner(force, v) * self.domain.dx
+        # alpha_s grad(alpha_s)/alpha_s of the logit
+        rise = solid.alpha * (1 - solid.alpha / self.solids.packing_limit)
+        rise = rise * self.axis.gradient(now.q)
+        return self.at_point.dispersion(gas, grains, nu_s) * ufl.inner(rise, v) * self.domain.dx
 
     def logarithm(
         self,
@@ -580,31 +496,23 @@ class TwoFluid:
 
     # -- walls ---------------------------------------------------------------------------------
 
-    def tangential(self, u: Expr) -> Expr:
-        """u - (u.n) n, the velocity along a wall at rest [m/s]."""
-        n = self.domain.normal
-        return u - ufl.inner(u, n) * n
-
     def wall_state(self, state: State, solid: Solid) -> WallState:
         """What the solids' wall law sees."""
-        slip = self.tangential(state.u_s)
-        speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
+        speed = self.at_point.speed(tangential(state.u_s, self.domain.normal))
         return WallState(solid.alpha, solid.theta, solid.g0, solid.p_f, speed)
 
     def solids_wall_traction(self, state: State) -> Expr:
         """c u_t, minus the traction of the wall on the solids [Pa]."""
-        law = self.closures.solids_wall
-        friction = law.friction(self.wall_state(state, self.solid(state)), self.solids)
-        return friction * self.tangential(state.u_s)
+        at_wall = self.wall_state(state, self.solid(state))
+        friction = self.at_point.solids_wall_friction(at_wall)
+        return friction * tangential(state.u_s, self.domain.normal)
 
     def gas_wall_traction(self, state: State) -> Expr:
         """c u_t per unit of gas fraction, minus the traction of the wall on the gas [Pa]."""
-        slip = self.tangential(state.u_g)
-        speed = ufl.sqrt(ufl.inner(slip, slip) + self.numerics.slip_floor**2)
-        law = self.closures.gas_wall
-        height = law.height(self.domain.wall_offset, self.domain.diameter)
+        slip = tangential(state.u_g, self.domain.normal)
+        height = self.closures.gas_wall.height(self.domain.wall_offset, self.domain.diameter)
         k = None if state.ln_k is None else ufl.exp(state.ln_k)
-        return law.coefficient(GasWallState(speed, height, self.gas, k)) * slip
+        return self.at_point.gas_wall_friction(self.at_point.speed(slip), height, k) * slip
 
     def wall_terms(
         self, u: Expr, v: Expr, traction: Expr, stress: Expr, viscosity: Expr, density: Expr
@@ -615,5 +523,5 @@ class TwoFluid:
         stiff = k * (viscosity / self.domain.wall_cell + density * self.numerics.wall_speed)
         normal_stress = ufl.inner(n, stress * n)
         return (
-            ufl.inner(traction, self.tangential(v)) - normal_stress * v_n + stiff * u_n * v_n
+            ufl.inner(traction, tangential(v, n)) - normal_stress * v_n + stiff * u_n * v_n
         ) * self.domain.ds_wall
