@@ -384,7 +384,7 @@ def face_force(
 
 
 def face_inertia(on: FacetForms, phase: SimpleNamespace, beta: Any, span: Any) -> Face:
-    """What holds a force of a face: mass for the solids [kg/m3]; m/dt + beta for the gas [kg/m3/s]."""
+    """What holds a force of a face: m for the solids [kg/m3], m/dt + beta for the gas [kg/m3/s]."""
     mass = phase.density.faces * present(phase.face_fraction)
     return mass if phase.name == "solids" else mass / span + on.mean(beta)
 

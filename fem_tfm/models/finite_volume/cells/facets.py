@@ -157,7 +157,10 @@ class FacetForms:
         return found
 
     def density(self, sums: Array) -> Face:
-        """Flux density: its integral over each face is the value of the face."""
+        """Flux density: its integral over each face is the value of the face, or its vector."""
+        if sums.ndim == 2:
+            parts = (self.density(sums[:, i]) for i in range(3))
+            return Face.of(lambda *components: ufl.as_vector(components), *parts)
         found = fem.Function(self.fluxes)
         found.x.array[self._numbers] = sums * self._sign
         return Face.of(ufl.dot, Face(found("+"), found), self.normal)
@@ -223,7 +226,7 @@ class FacetForms:
 
     def rise(self, q: Any, outside: Any = None) -> Face:
         """Difference across faces; on the boundary none, or that to a value outside."""
-        return Face(q("-") - q("+"), 0 if outside is None else outside - q)
+        return Face(q("-") - q("+"), 0 * q if outside is None else outside - q)
 
     def out(self, flux: Face, w: Any, *parts: str) -> ufl.Form:
         """Sum of a flux over the inner faces of each cell, and over those of parts."""
