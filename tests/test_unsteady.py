@@ -103,7 +103,7 @@ def test_steps_as_the_case_wants_them(dense: dict[str, Any]) -> None:
 def test_a_bed_lies_where_the_case_says(dense: dict[str, Any]) -> None:
     given = {"state": "bed", "bed_fraction": 0.5, "bed_height": 0.005, "bed_end": 0.015}
     case = case_of(dense, {f"initial.{key}": value for key, value in given.items()})
-    flow = UnsteadyFlow(case, line(case))
+    flow = UnsteadyFlow(unsteady.problem_of(case), line(case))
     unsteady.start(case, flow)
     _, y, z = flow.cells.centre.T
     inside = (y < 0) & (z < 0.015)
@@ -114,7 +114,7 @@ def test_a_bed_lies_where_the_case_says(dense: dict[str, Any]) -> None:
 
 def test_a_line_filled_with_what_enters_carries_its_flux(dense: dict[str, Any]) -> None:
     case = case_of(dense, {"initial.state": "inlet"})
-    flow = UnsteadyFlow(case, line(case))
+    flow = UnsteadyFlow(unsteady.problem_of(case), line(case))
     unsteady.start(case, flow)
     found = flow.quantities()
     assert found["holdup"] == pytest.approx(0.245)
@@ -125,7 +125,7 @@ def test_what_fills_a_bend_follows_its_axis(dense: dict[str, Any]) -> None:
     bend = {"shape": "bend", "diameter": 0.01, "length": 0.1, "bend_radius": 0.04}
     changes = {f"geometry.{key}": value for key, value in bend.items()}
     case = case_of(dense, {**changes, "initial.state": "inlet", "numerics.axial_cells": 20})
-    flow = UnsteadyFlow(case, line(case))
+    flow = UnsteadyFlow(unsteady.problem_of(case), line(case))
     unsteady.start(case, flow)
     assert np.linalg.norm(flow.now.u_s, axis=1) == pytest.approx(6.09)
     last = np.argmax(flow.mesh.straightened(flow.cells.centre)[:, 2])
@@ -255,7 +255,7 @@ def test_a_state_goes_on_with_another_number_of_ranks(
     MPI.COMM_WORLD.barrier()
     found = []
     for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
-        flow = UnsteadyFlow(case, line(case, comm))
+        flow = UnsteadyFlow(unsteady.problem_of(case), line(case, comm))
         flow.restore(merged(tmp_path, flow))
         for _ in range(5):
             flow.advance(1e-4, inflow_at(case, 1.0))

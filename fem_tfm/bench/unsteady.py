@@ -17,6 +17,7 @@ import numpy as np
 
 from fem_tfm.bench import error
 from fem_tfm.case import Case
+from fem_tfm.flows.unsteady import problem_of
 from fem_tfm.mesh import PipeGeometry, extruded
 from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow
 
@@ -60,7 +61,7 @@ def filled(level: int, layers: int) -> UnsteadyFlow:
     case = Case.from_dict(DEMO)
     geometry = PipeGeometry(case.geometry.diameter, "none")
     mesh = extruded(geometry, case.geometry.length, layers, level, cells="quadrilateral", order=1)
-    flow = UnsteadyFlow(case, mesh)
+    flow = UnsteadyFlow(problem_of(case), mesh)
     flow.initialise(1e-8)
     flow.set_velocities(np.array([0.0, 0.0, 6.09]), np.array([0.0, 0.0, 6.43]))
     return flow

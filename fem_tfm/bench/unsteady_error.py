@@ -112,7 +112,7 @@ def measure(wall: str, order: int, division: int, end: float = END) -> Measure:
     }
     case = Case.from_dict(PIPE | given)
     began = time.process_time()
-    flow = UnsteadyFlow(case, line(case))
+    flow = UnsteadyFlow(unsteady.problem_of(case), line(case))
     stepping = TimeStepping(unsteady.step_control(case), unsteady.milestones(case))
     unsteady.start(case, flow)
     stepped = unsteady.Stepped(case, flow)

@@ -19,16 +19,17 @@ import numpy as np
 import ufl
 
 from fem_tfm.closures.base import Closure
-from fem_tfm.closures.dispersed import Dispersed, GasEddies, Grains
-from fem_tfm.closures.dispersion import Dispersion
 from fem_tfm.closures.drag import Drag
 from fem_tfm.closures.friction import Friction
 from fem_tfm.closures.granular import Granular, Kinetic, algebraic_theta
-from fem_tfm.closures.materials import Gas, Solids
 from fem_tfm.closures.ops import Value, is_expr, maximum, minimum, sqrt
 from fem_tfm.closures.radial import Radial
-from fem_tfm.closures.turbulence import Balance, Eddies, Turbulence, realizable_slope
-from fem_tfm.closures.walls import GasWall, GasWallState, SolidsWall, WallState
+from fem_tfm.closures.turbulence.dispersed import Dispersed, GasEddies, Grains
+from fem_tfm.closures.turbulence.dispersion import Dispersion
+from fem_tfm.closures.turbulence.gas import Balance, Eddies, Turbulence, realizable_slope
+from fem_tfm.closures.walls.gas import GasWall, GasWallState
+from fem_tfm.closures.walls.solids import SolidsWall, WallState
+from fem_tfm.materials import Gas, Solids
 
 # scales of the regularisation: U, U/D, U^2, rho_s U D
 SLIP_FLOOR, SHEAR_FLOOR, K_FLOOR, MAX_VISCOSITY = 1e-4, 1e-3, 2.5e-4, 100.0

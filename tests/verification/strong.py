@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from fem_tfm.closures.materials import Gas, Solids
-from fem_tfm.closures.walls import WallState
-from fem_tfm.models.two_fluid import ClosureSet, Stabilisation
+from fem_tfm.closures.walls.solids import WallState
+from fem_tfm.materials import Gas, Solids
+from fem_tfm.models.two_fluid.forms import Stabilisation
+from fem_tfm.models.two_fluid.model import TwoFluid
 
 STEP = 1e-2
 WEIGHTS = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
@@ -59,7 +60,7 @@ class Strong:
 
     gas: Gas
     solids: Solids
-    closures: ClosureSet
+    closures: TwoFluid
     numerics: Stabilisation
     gravity: np.ndarray
     distance: Field

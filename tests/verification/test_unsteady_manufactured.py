@@ -81,7 +81,7 @@ def run(wanted: Exact, number: int, steps: int, order: int = 1) -> UnsteadyFlow:
     across = number if 0 in wanted.axes else 1
     lengths = (1.0, 1.0, 1.0) if across > 1 else (1 / number, 1.0, 1.0)
     found = flow(box(lengths, (across, number, number), "ssssss"), SCENE, order=order)
-    strong, x = Strong(found.case, wanted), found.cells.centre.T
+    strong, x = Strong(found.problem, wanted), found.cells.centre.T
     found.initialise(wanted.alpha(x, 0.0))
     found.now = replace(found.now, theta=wanted.theta(x, 0.0), p=wanted.p(x, 0.0))
     found.set_velocities(wanted.u_s(x, 0.0).T, wanted.u_g(x, 0.0).T)

@@ -122,7 +122,7 @@ def test_a_blocked_outlet_packs_the_duct(order: int, dt: float) -> None:
 
 def test_a_step_of_ten_drag_times_lets_fine_grains_follow_the_gas(order: int) -> None:
     found = conveying(order, {"solids.diameter": 2e-5})
-    drag = found.case.closures.drag
+    drag = found.problem.closures.drag
     beta = drag.beta(0.2, 1e-3, found.gas, found.solids)
     dt = 10 * 0.2 * found.solids.density / beta
     run(found, dt, 40, FEED)

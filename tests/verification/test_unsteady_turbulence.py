@@ -16,6 +16,7 @@ from test_unsteady_limits import UPRIGHT, G, drag_of, line, owned
 from test_unsteady_robustness import AXIS, CONVEYING, FEED, conveying, run
 
 from fem_tfm import Case
+from fem_tfm.flows.unsteady import problem_of
 from fem_tfm.mesh import line as line_of
 from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow
 from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, TurbulenceCoefficients
@@ -35,6 +36,8 @@ NORMAL = {
     "closures.dispersed": {"model": "k-epsilon", "normal_stress": 1.0},
 }
 CONVEYING_FOUR = {**CONVEYING, **FOUR}
+# along the pipe
+AXIAL_CELLS = 50
 LAWS = {"four": FOUR, "simonin": SIMONIN, "drift": DRIFT, "normal-stress": NORMAL}
 
 
@@ -133,18 +136,18 @@ def pipe(law: str, wall: str, reynolds: float, order: int, symmetry: str = "half
             "operation": {"gas_superficial_velocity": speed},
             "closures": {"turbulence": law},
             "walls": {"gas": wall},
-            "numerics": {"axial_cells": 50, "level": 1, "order": order, "end_time": 1.0},
+            "numerics": {"axial_cells": AXIAL_CELLS, "level": 1, "order": order, "end_time": 1.0},
         }
     )
-    found = UnsteadyFlow(case, line_of(case))
+    found = UnsteadyFlow(problem_of(case), line_of(case))
     found.set_velocities(np.zeros(3), speed * AXIS)
     return found
 
 
 def steady(found: UnsteadyFlow, steps: int = 75) -> UnsteadyFlow:
     """The same gas after three times its way through the pipe."""
-    speed = found.case.operation.gas_superficial_velocity
-    dt = 2 * found.mesh.length / found.case.numerics.axial_cells / speed
+    speed = found.problem.gas_velocity
+    dt = 2 * found.mesh.length / AXIAL_CELLS / speed
     for _ in range(steps):
         found.advance(dt, Inflow(speed))
     return found
@@ -152,7 +155,7 @@ def steady(found: UnsteadyFlow, steps: int = 75) -> UnsteadyFlow:
 
 def friction_of(found: UnsteadyFlow) -> float:
     """Darcy's factor of the last third but the outlet."""
-    case, z, p = found.case, owned(found, found.cells.centre)[:, 2], owned(found, found.now.p)
+    z, p = owned(found, found.cells.centre)[:, 2], owned(found, found.now.p)
     volume = owned(found, found.cells.volume)
     places = np.unique(np.round(z, 9))
     means = []
@@ -161,7 +164,7 @@ def friction_of(found: UnsteadyFlow) -> float:
         means.append(np.average(p[layer], weights=volume[layer]))
     last = slice(2 * len(places) // 3, -3)
     gradient = -np.polyfit(places[last], means[last], 1)[0]
-    size, speed = case.geometry.diameter, case.operation.gas_superficial_velocity
+    size, speed = found.problem.diameter, found.problem.gas_velocity
     return 2 * size * gradient / (found.gas.density * speed**2)
 
 
@@ -176,7 +179,7 @@ def test_a_smooth_pipe_has_the_friction_of_prandtl_and_the_log_law(
     found = steady(pipe(law, wall, reynolds, order))
     f = friction_of(found)
     assert f == pytest.approx(prandtl_karman(reynolds), rel=0.03)
-    speed, size = found.case.operation.gas_superficial_velocity, found.case.geometry.diameter
+    speed, size = found.problem.gas_velocity, found.problem.diameter
     u_tau, z = speed * math.sqrt(f / 8), owned(found, found.cells.centre)[:, 2]
     y_plus = owned(found, found.line.wall_distance) * u_tau * reynolds / (speed * size)
     layer = (z > 0.22) & (z < 0.24) & (y_plus > 30) & (y_plus < 0.1 * u_tau / speed * reynolds / 2)
@@ -205,7 +208,7 @@ def test_a_resolved_wall_needs_no_function(reynolds: float) -> None:
     found = steady(pipe("k-epsilon", "low-reynolds", reynolds, 0))
     f, z = friction_of(found), owned(found, found.cells.centre)[:, 2]
     assert f == pytest.approx(prandtl_karman(reynolds), rel=0.1)
-    speed, size = found.case.operation.gas_superficial_velocity, found.case.geometry.diameter
+    speed, size = found.problem.gas_velocity, found.problem.diameter
     u_tau = speed * math.sqrt(f / 8)
     y_plus = owned(found, found.line.gas_profile[0]) * u_tau * reynolds / (speed * size)
     u_plus = owned(found, found.now.u_g)[:, 2] / u_tau

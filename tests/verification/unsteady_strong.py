@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from strong import STEP, WEIGHTS, derivative
 
-from fem_tfm.case import Case
+from fem_tfm.models.finite_volume import UnsteadyProblem
 from fem_tfm.models.finite_volume.laws import FADING_FRACTION, SLIP_FLOOR
 from fem_tfm.models.finite_volume.state import Sources
 
@@ -44,7 +44,7 @@ class Exact:
 
 
 class Strong:
-    """Sources with which a given flow solves the equations of a case without gravity.
+    """Sources with which a given flow solves the equations of a problem without gravity.
 
     d(a_k)/dt + div(a_k u_k) = volume source
     a_k rho_k (du_k/dt + u_k.grad u_k)
@@ -53,11 +53,11 @@ class Strong:
         = (tau_kin - p_kin I):grad u_s + div(kappa grad Theta) - gamma - 3 beta Theta + energy
     """
 
-    def __init__(self, case: Case, exact: Exact) -> None:
-        self.gas, self.solids = case.gas_material, case.solids_material
-        self.laws, self.exact = case.closures, exact
-        self.floor = SLIP_FLOOR * case.operation.gas_superficial_velocity
-        self.width = case.geometry.hydraulic_diameter
+    def __init__(self, problem: UnsteadyProblem, exact: Exact) -> None:
+        self.gas, self.solids = problem.gas, problem.solids
+        self.laws, self.exact = problem.closures, exact
+        self.floor = SLIP_FLOOR * problem.gas_velocity
+        self.width = problem.diameter
 
     def gradient(self, f: Field, x: np.ndarray) -> np.ndarray:
         """Derivatives of f along x, y, z, stacked behind its components: shape (..., 3, n)."""

@@ -25,6 +25,7 @@ at the outlet.
 """
 
 from fem_tfm.models.finite_volume.flow import UnsteadyFlow
-from fem_tfm.models.finite_volume.state import Inflow, State, StepFailed, StepReport
+from fem_tfm.models.finite_volume.problem import UnsteadyProblem
+from fem_tfm.models.finite_volume.state import Inflow, Report, State, StepFailed
 
-__all__ = ["Inflow", "State", "StepFailed", "StepReport", "UnsteadyFlow"]
+__all__ = ["Inflow", "Report", "State", "StepFailed", "UnsteadyFlow", "UnsteadyProblem"]

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 from dolfinx import fem
 
-from fem_tfm.case import Case
 from fem_tfm.errors import SolverError
-from fem_tfm.mesh import Mesh
+from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
@@ -21,6 +20,7 @@ from fem_tfm.models.finite_volume.ideal_gas import IdealGas, RelativeDensity, ga
 from fem_tfm.models.finite_volume.laws import CellLaws
 from fem_tfm.models.finite_volume.momentum import Momentum
 from fem_tfm.models.finite_volume.pressure import PressureProjection
+from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.state import (
     CELL_FIELDS,
     FACE_FIELDS,
@@ -28,10 +28,10 @@ from fem_tfm.models.finite_volume.state import (
     SMALLEST_THETA,
     Inflow,
     Masses,
+    Report,
     SolidsDeformation,
     State,
     StepFailed,
-    StepReport,
 )
 from fem_tfm.models.finite_volume.temperature import GranularTemperature
 from fem_tfm.models.finite_volume.time_levels import (
@@ -54,7 +54,7 @@ class UnsteadyFlow:
 
     Parameters
     ----------
-    case : laws, materials, inlet
+    problem : laws, materials, boundary data
     mesh : three-dimensional, with the parts inlet, outlet, wall, symmetry that it has
 
     Attributes
@@ -66,22 +66,22 @@ class UnsteadyFlow:
     now, past : state, and what a step of second order takes from the one before it
     """
 
-    def __init__(self, case: Case, mesh: Mesh) -> None:
-        self.case, self.mesh = case, mesh
-        self.gas, self.solids = case.gas_material, case.solids_material
-        self.line, self.laws = LineMesh(case, mesh), CellLaws(case)
+    def __init__(self, problem: UnsteadyProblem, mesh: Mesh) -> None:
+        self.problem, self.mesh = problem, mesh
+        self.gas, self.solids = problem.gas, problem.solids
+        self.line, self.laws = LineMesh(problem, mesh), CellLaws(problem)
         self.cells = self.line.cells
         scalar = CellMatrix(self.cells)
         self.turbulence = None
         if Turbulence.is_needed(self.laws):
-            self.turbulence = Turbulence(case, self.line, self.laws, scalar)
+            self.turbulence = Turbulence(problem, self.line, self.laws, scalar)
         if self.solids is not None:
             self.fraction = SolidsFraction(self.line, self.laws, scalar)
-            self.temperature = GranularTemperature(case, self.line, self.laws, scalar)
-        self.ideal_gas = IdealGas(case, self.line) if case.gas.compressible else None
+            self.temperature = GranularTemperature(problem, self.line, self.laws, scalar)
+        self.ideal_gas = IdealGas(problem, self.line) if problem.compressible else None
         lifted = self.ideal_gas.hydrostatic_density if self.ideal_gas else self.gas.density
-        self.momentum = Momentum(self.line, self.laws, np.array(case.gravity_vector), lifted)
-        self.pressure = PressureProjection(self.line, self.laws, case.gas.compressible)
+        self.momentum = Momentum(self.line, self.laws, problem.gravity, lifted)
+        self.pressure = PressureProjection(self.line, self.laws, problem.compressible)
         self._functions: dict[str, fem.Function] = {}
         self.initialise()
 
@@ -129,14 +129,14 @@ class UnsteadyFlow:
         self.masses = Masses(solids=solids, gas=self._gas_held(self.now, solids))
 
     def _gas_held(self, at: State, solids: float) -> float:
-        """Gas in the line beside solids, at the density of the case [m3]."""
+        """Gas in the line beside solids, at the reference density [m3]."""
         if self.ideal_gas is None:
             return self.cells.total(self.line.volume) - solids
         return self.cells.total(gas_volume(self.ideal_gas, at, self.line.volume))
 
     # -- the step ------------------------------------------------------------------------------
 
-    def advance(self, dt: float, inflow: Inflow) -> StepReport:
+    def advance(self, dt: float, inflow: Inflow) -> Report:
         """One step of `dt` [s].
 
         Raises
@@ -155,8 +155,8 @@ class UnsteadyFlow:
 
     def _attempt(
         self, dt: float, inflow: Inflow
-    ) -> tuple[State, PreviousStep | None, StepReport, Masses]:
-        """A step of the case's order, or of first order where that one fails."""
+    ) -> tuple[State, PreviousStep | None, Report, Masses]:
+        """A step of the order chosen, or of first order where that one fails."""
         if self.line.order:
             try:
                 return self._step(self._time_levels(dt, inflow), dt, inflow)
@@ -175,7 +175,7 @@ class UnsteadyFlow:
 
     def _step(
         self, levels: TimeLevels, dt: float, inflow: Inflow
-    ) -> tuple[State, PreviousStep | None, StepReport, Masses]:
+    ) -> tuple[State, PreviousStep | None, Report, Masses]:
         old, start, span = levels.predicted, levels.start, levels.span_faces
         cells, effort = self.cells, {}
         transported, deformation, beta, dragged = None, None, np.zeros(cells.count), None
@@ -296,16 +296,14 @@ class UnsteadyFlow:
             gained[f"{name}_net"] = getattr(self.masses, f"{name}_net") + dt * net
         return replace(self.masses, **gained)
 
-    def _report(
-        self, found: State, dt: float, effort: dict[str, int], masses: Masses
-    ) -> StepReport:
+    def _report(self, found: State, dt: float, effort: dict[str, int], masses: Masses) -> Report:
         cells, own = self.cells, slice(0, self.cells.owned)
         values = {name: getattr(found, name) for name in CELL_FIELDS} | dict(found.scales)
         for name, value in values.items():
             # a sum is finite where all values are
             if not np.isfinite(cells.total(value[own])):
                 raise SolverError(f"{name} is not finite")
-        return StepReport(
+        return Report(
             effort,
             cells.largest(found.alpha[own]),
             cells.largest(found.theta[own]),
@@ -343,7 +341,7 @@ class UnsteadyFlow:
         return found if self.solids is not None else {"gas_mass": found["gas_mass"]}
 
     def quantities(self) -> dict[str, float]:
-        """Numbers of the whole line now, in the units of `case.QUANTITIES`.
+        """Numbers of the whole line now, in SI units.
 
         The flows are those through the outlet, the pressure drop that from the inlet's cells to it.
         """
@@ -351,7 +349,7 @@ class UnsteadyFlow:
         entry, size = cells.first[self.line.inlet], cells.face_area[self.line.inlet]
         area = max(cells.total(size), 1e-300)
         drop = cells.total(now.p[entry] * size) / area
-        factor = self.mesh.geometry.area_factor
+        factor = self.mesh.section.area_factor
         leaving = cells.to_faces(now.alpha)[self.line.outlet] * now.solids_flux[self.line.outlet]
         gas = now.total_flux[self.line.outlet] - leaving
         gas = cells.total(gas * self.ideal_gas.outlet_relative_density if self.ideal_gas else gas)

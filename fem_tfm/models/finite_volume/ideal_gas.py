@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """A gas whose density follows the pressure at constant temperature, and its mass in a step.
 
-Densities are taken over that of the case, which the gas has at gas.pressure,
+Densities are taken over the reference density, which the gas has at the reference pressure,
 
     d = rho_g/rho_ref = p_abs/p_ref,  p_abs = p_outlet + p + d_outlet rho_ref g.(x - x_outlet)
 
-so that flows of mass are volumes of the case's gas. The mass of a cell changes as
+so that mass flows are volume flows at the reference density. The mass of a cell changes as
 
     V/dt [(1 - alpha_s) d]_before^after + sum passed = source
     passed = s d_f (total - solids) + (1 - s) passed_before
@@ -22,9 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fem_tfm.case import Case
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.state import Density, Inflow, SolidsTransport, State
 from fem_tfm.models.finite_volume.time_levels import TimeLevels
 
@@ -45,26 +45,26 @@ class RelativeDensity:
 
 
 class IdealGas:
-    """Density of the gas of a case as a function of its pressure.
+    """Density of the gas as a function of its pressure.
 
     Parameters
     ----------
-    case : gas, pressure at the outlet, gravity
+    problem : gas, pressures, gravity
     line : mesh
 
     Attributes
     ----------
-    reference : pressure at which the gas has the density of the case [Pa]
+    reference : pressure at which the gas has its reference density [Pa]
     density : that density [kg/m3]
     hydrostatic_density : density at the outlet, whose weight p leaves out [kg/m3]
     """
 
-    def __init__(self, case: Case, line: LineMesh) -> None:
-        self.line, self.density = line, case.gas_material.density
-        self.reference = case.gas.pressure
-        outlet = case.operation.outlet_pressure or self.reference
+    def __init__(self, problem: UnsteadyProblem, line: LineMesh) -> None:
+        self.line, self.density = line, problem.gas.density
+        self.reference = problem.reference_pressure
+        outlet = problem.outlet_pressure or self.reference
         self.hydrostatic_density = self.density * outlet / self.reference
-        cells, weight = line.cells, self.hydrostatic_density * np.array(case.gravity_vector)
+        cells, weight = line.cells, self.hydrostatic_density * problem.gravity
         size, middle = cells.face_area[line.outlet], cells.face_centre[line.outlet]
         area = max(cells.total(size), 1e-300)
         datum = np.array([cells.total(size * middle[:, i]) for i in range(3)]) / area
@@ -137,7 +137,7 @@ class IdealGas:
 
 @dataclass(frozen=True)
 class GasBalance:
-    """Mass of the gas in a step, in volumes of the case's gas.
+    """Mass of the gas in a step, as volumes at the reference density.
 
     density : for its momentum
     relative_density : d foreseen, in all cells
@@ -192,6 +192,6 @@ class GasBalance:
 
 
 def gas_volume(gas: IdealGas | None, at: State, volume: Array) -> Array:
-    """Gas in owned cells, in volumes of the case's gas [m3]."""
+    """Gas in owned cells, as volumes at the reference density [m3]."""
     void = (1 - at.alpha[: volume.size]) * volume
     return void if gas is None else void * gas.relative(at.p)[: volume.size]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Coefficients of both phases in cells: what the laws of a case make of a state.
+"""Coefficients of both phases in cells: what the laws make of a state.
 
 Arrays over any set of cells go in, arrays over the same cells come out; nothing here knows faces,
 neighbours or matrices.
@@ -14,11 +14,12 @@ from typing import Any, Self
 
 import numpy as np
 
-from fem_tfm.case import Case
 from fem_tfm.closures.granular import Kinetic, algebraic_theta
-from fem_tfm.closures.turbulence import Eddies, realizable_slope
-from fem_tfm.closures.walls import GasWallState, WallState
+from fem_tfm.closures.turbulence.gas import Eddies, realizable_slope
+from fem_tfm.closures.walls.gas import GasWallState
+from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.state import (
     LONELY_FRACTION,
     SMALLEST_FRACTION,
@@ -73,22 +74,22 @@ def _deviator(gradient: Array) -> tuple[Array, list[Array]]:
 
 
 class CellLaws:
-    """The laws of a case, evaluated on arrays.
+    """The laws of a problem, evaluated on arrays.
 
     Parameters
     ----------
-    case : laws, materials, scales
+    problem : laws, materials, scales
     """
 
-    def __init__(self, case: Case) -> None:
-        self.gas, self.solids = case.gas_material, case.solids_material
-        self.laws, self.walls = case.closures, case.walls
-        self.speed = case.operation.gas_superficial_velocity
-        self.width = case.geometry.hydraulic_diameter
-        self.gap = case.walls.grain_gap * (self.solids.diameter if self.solids else 0.0)
+    def __init__(self, problem: UnsteadyProblem) -> None:
+        self.gas, self.solids = problem.gas, problem.solids
+        self.laws = problem.closures
+        self.speed = problem.gas_velocity
+        self.width = problem.diameter
+        self.gap = problem.grain_gap
 
     def of(self, relative: Array) -> Self:
-        """The laws in cells where the gas has this density over that of the case [-]."""
+        """The laws in cells where the gas has this density over the reference [-]."""
         found = copy.copy(self)
         found.gas = LocalGas(relative * self.gas.density, self.gas.viscosity)
         return found
@@ -235,15 +236,15 @@ class CellLaws:
 
     def wall_heat(self, state: WallState) -> Array:
         """Flux from a wall into the granular energy [W/m2]."""
-        return np.zeros_like(state.slip) + self.walls.solids.heat(state, self.solids)
+        return np.zeros_like(state.slip) + self.laws.solids_wall.heat(state, self.solids)
 
     def solids_friction(self, state: WallState) -> Array:
         """c [Pa s/m] of the traction -c u of a wall on the solids."""
-        return np.zeros_like(state.slip) + self.walls.solids.friction(state, self.solids)
+        return np.zeros_like(state.slip) + self.laws.solids_wall.friction(state, self.solids)
 
     def gas_friction(
         self, void: Array | float, slip: Array, height: Array, k: Array | None = None
     ) -> Array:
         """c [Pa s/m] of the traction -c u of a wall on gas of a speed found at a height [m]."""
-        c = self.walls.gas.coefficient(GasWallState(slip, height, self.gas, k))
+        c = self.laws.gas_wall.coefficient(GasWallState(slip, height, self.gas, k))
         return void * (np.zeros_like(slip) + c)

@@ -185,7 +185,7 @@ class Momentum:
         if coefficients is not None:
             mu = mu + np.maximum(at.alpha, 0.0) * laws.solids.density * coefficients.nu_s
         edge, wall = line.cells.first[line.wall], line.wall
-        if laws.walls.solids.strong:
+        if laws.laws.solids_wall.strong:
             wall_friction = mu[edge] * line.cells.face_weight[wall]
         else:
             slip = laws.slip(at.u_s[edge], line.normal[wall])
@@ -243,7 +243,7 @@ class Momentum:
         mu = void * mu
         flux = at.total_flux - (0.0 if transported is None else transported.flux)
         flux[line.inlet] = 0.0
-        if laws.walls.gas.strong:
+        if laws.laws.gas_wall.strong:
             wall_friction = mu[edge] * cells.face_weight[wall]
         else:
             slip = laws.slip(at.u_g[edge], line.normal[wall])

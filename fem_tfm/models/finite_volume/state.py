@@ -77,7 +77,7 @@ class Inflow:
 
 
 @dataclass(frozen=True)
-class StepReport:
+class Report:
     """Effort and extreme values of a step.
 
     iterations : of each equation

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem_tfm.case import Case
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
 from fem_tfm.models.finite_volume.laws import CellLaws, SolidsCoefficients
+from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.state import (
     LONELY_FRACTION,
     SMALLEST_FRACTION,
@@ -30,14 +30,16 @@ class GranularTemperature:
 
     Parameters
     ----------
-    case : intensity of what enters
+    problem : turbulence intensity of the solids at the inlet
     line, laws : mesh and coefficients
     matrix : scalar matrix, whose values are overwritten
     """
 
-    def __init__(self, case: Case, line: LineMesh, laws: CellLaws, matrix: CellMatrix) -> None:
+    def __init__(
+        self, problem: UnsteadyProblem, line: LineMesh, laws: CellLaws, matrix: CellMatrix
+    ) -> None:
         self.line, self.laws = line, laws
-        self._intensity = case.inlet.solids_intensity
+        self._intensity = problem.solids_intensity
         self.transport = ScalarTransport(line, matrix)
 
     def solve(

@@ -23,15 +23,15 @@ from typing import Any
 
 import numpy as np
 
-from fem_tfm.case import Case
-from fem_tfm.closures.dispersed import GasEddies, Grains
-from fem_tfm.closures.turbulence import Balance, Eddies
+from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
+from fem_tfm.closures.turbulence.gas import Balance, Eddies
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
 from fem_tfm.models.finite_volume.ideal_gas import GasBalance
 from fem_tfm.models.finite_volume.laws import CellLaws
+from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
     Density,
@@ -60,13 +60,15 @@ class Turbulence:
 
     Parameters
     ----------
-    case : what enters
+    problem : turbulence intensities at the inlet
     line, laws : mesh and coefficients
     matrix : scalar matrix, whose values are overwritten
     """
 
-    def __init__(self, case: Case, line: LineMesh, laws: CellLaws, matrix: CellMatrix) -> None:
-        self.line, self.laws, self.inlet = line, laws, case.inlet
+    def __init__(
+        self, problem: UnsteadyProblem, line: LineMesh, laws: CellLaws, matrix: CellMatrix
+    ) -> None:
+        self.line, self.laws, self.problem = line, laws, problem
         self.gas_law, self.dispersed = laws.laws.turbulence, laws.laws.dispersed
         self._of_gas = _plain(self.gas_law.transported)
         self._of_solids = _plain(self.dispersed.transported) if laws.solids else ()
@@ -95,7 +97,7 @@ class Turbulence:
 
     def _entering(self, phase: str, speed: float) -> dict[str, float]:
         """Scales of what enters of a phase at a mean speed [m/s]."""
-        given, laws = self.inlet, self.laws
+        given, laws = self.problem, self.laws
         intensity = given.gas_intensity if phase == "gas" else given.solids_intensity
         speed = max(speed, LEAST_INTENSITY * laws.speed)
         return self._estimate(phase, speed, intensity, given.length_scale * laws.width)
@@ -115,7 +117,7 @@ class Turbulence:
     ) -> TurbulenceCoefficients:
         """What the turbulence does at the end of a step as far as it is foreseen (collective).
 
-        relative : density of the gas over that of the case [-], None where it is constant
+        relative : density of the gas over the reference [-], None where it is constant
         """
         line, cells, at = self.line, self.line.cells, levels.predicted
         laws = self.laws if relative is None else self.laws.of(relative)
@@ -246,7 +248,7 @@ class Turbulence:
         within = _at(eddies, edges, laws.within(edges).gas)
         slip = laws.slip(now.u_g[first], line.normal[line.wall])
         friction = laws.gas.viscosity / self._height
-        if not laws.walls.gas.strong:
+        if not laws.laws.gas_wall.strong:
             beside = laws.within(first)
             friction = beside.gas_friction(1.0, slip, self._height, eddies.k[first])
         squares = np.zeros(cells.owned)
@@ -256,7 +258,7 @@ class Turbulence:
         def sheared(strain: Array) -> Array:
             """Shear of the layer with the viscosity at another."""
             eddy = 0.0
-            if not laws.walls.gas.strong:
+            if not laws.laws.gas_wall.strong:
                 eddy = self.gas_law.viscosity(_strained(within, strain))
             return traction / (laws.gas.viscosity + eddy)
 

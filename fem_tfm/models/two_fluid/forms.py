@@ -28,10 +28,10 @@ from typing import Any
 import ufl
 from ufl.core.expr import Expr
 
-from fem_tfm.closures.dispersed import GasEddies, Grains
-from fem_tfm.closures.materials import Gas, Solids
-from fem_tfm.closures.turbulence import Balance, Eddies
-from fem_tfm.closures.walls import WallState
+from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
+from fem_tfm.closures.turbulence.gas import Balance, Eddies
+from fem_tfm.closures.walls.solids import WallState
+from fem_tfm.materials import Gas, Solids
 from fem_tfm.models.axis import Axis
 from fem_tfm.models.pointwise import (
     ClosureSet,

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from fem_tfm.case import Case
-from fem_tfm.closures.walls import GasWall
-from fem_tfm.feed import power_law
-from fem_tfm.mesh import Mesh
+from fem_tfm.closures.walls.gas import GasWall
+from fem_tfm.correlations import power_law
+from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.models.finite_volume.cells.limiter import limited_increments
 from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
 from fem_tfm.models.finite_volume.cells.reconstruction import Reconstruction
+from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 
 # differences below this share of a scale, for cells as wide as the line, are not limited
 SMOOTH = 0.3
@@ -27,7 +27,7 @@ class LineMesh:
 
     Parameters
     ----------
-    case : inlet, scales
+    problem : inlet, scales
     mesh : three-dimensional, with the parts inlet, outlet, wall, symmetry that it has
 
     Attributes
@@ -49,11 +49,11 @@ class LineMesh:
     velocity_scale, diameter : scales of the flow [m/s], [m]
     """
 
-    def __init__(self, case: Case, mesh: Mesh) -> None:
-        self.mesh, self.order = mesh, case.numerics.order
+    def __init__(self, problem: UnsteadyProblem, mesh: Mesh) -> None:
+        self.mesh, self.order = mesh, int(problem.second_order)
         self.cells = cells = Cells(mesh, [name for name in PARTS if name in mesh.tags])
-        self.velocity_scale = case.operation.gas_superficial_velocity
-        self.diameter = case.geometry.hydraulic_diameter
+        self.velocity_scale = problem.gas_velocity
+        self.diameter = problem.diameter
         self.own, self.inner = slice(0, cells.owned), slice(0, cells.inner_count)
         self.volume = cells.volume[: cells.owned]
         self.wall, self.inlet, self.outlet = (
@@ -70,12 +70,12 @@ class LineMesh:
         self.open[self.outlet] = 1.0
         self.reconstruct = Reconstruction(cells, ["inlet"] if self.has_inlet else [])
         self.wall_distance = self._wall_distance()
-        law, offset = case.walls.gas, case.wall_distance
+        law, offset = problem.closures.gas_wall, problem.wall_offset
         self.gas_profile = _stretched(law, self.wall_distance, offset)
         self.wall_height = _wall_height(
             law, 1 / self.inverse_distance[self.wall], offset, self.diameter
         )
-        self.inlet_profile = self._inlet_profile(case)
+        self.inlet_profile = self._inlet_profile(problem.inlet_profile)
         # extrema of smooth values are lower than this in fine cells
         reach = np.linalg.norm(cells.delta[: cells.inner_count], axis=1)
         self._small = SMOOTH * (reach / self.diameter) ** 1.5
@@ -96,10 +96,10 @@ class LineMesh:
         thinnest = -cells.largest(-1 / self.inverse_distance[self.wall])
         return np.maximum(found - sagitta, thinnest / 2)
 
-    def _inlet_profile(self, case: Case) -> Array:
+    def _inlet_profile(self, name: str) -> Array:
         cells = self.cells
         shape = np.ones(self.inlet.stop - self.inlet.start)
-        if case.inlet.profile == "power-law":
+        if name == "power-law":
             height = self.mesh.distance_at(cells.face_centre[self.inlet])
             shape = power_law(height, self.diameter / 2)
         size = cells.face_area[self.inlet]
