@@ -18,13 +18,13 @@ from dolfinx import fem
 
 from fem_tfm import Case
 from fem_tfm.fenics import compile_form
-from fem_tfm.mesh import line
-from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow, forms, fraction
+from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow, UnsteadyProblem, forms, fraction
 from fem_tfm.models.finite_volume.cells import transport
 from fem_tfm.models.finite_volume.cells.facets import PARTS, Face, FacetForms
 from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.mesh import Array
-from fem_tfm.models.finite_volume.state import Density, Sources
+from fem_tfm.models.finite_volume.state import SMALLEST_THETA, Density, Sources
+from fem_tfm.models.pointwise import Pointwise, Regularisation
 
 # largest difference over the largest entry
 CLOSE = 1e-12
@@ -150,6 +150,7 @@ class Observed:
             if flow.ideal_gas:
                 recorder.watch(patch, flow.ideal_gas, "balance", "ideal gas")
             flow.advance(DT, feed)
+        self.point = point_of(flow.problem)
         self.feed, self.inflow = feed, forms.inflow_fields(self.on, feed, flow.line)
 
     def call(self, name: str) -> tuple[SimpleNamespace, Any]:
@@ -167,17 +168,30 @@ class Observed:
         }
         return self.on.fields(replace(found, **per_volume))
 
+    @property
+    def profile(self) -> tuple[Any, Any]:
+        """Height of the gas's profile and its stretching, in UFL."""
+        height, slope = (self.on.cell(values) for values in self.line.gas_profile)
+        return height, slope
+
+    @property
+    def local_point(self) -> Pointwise:
+        """The laws at a point, with the density of the gas of the step."""
+        if not self.flow.ideal_gas:
+            return self.point
+        return self.point.with_density(self.on.cell(self.call("ideal gas")[1].relative_density))
+
 
 def flowing(shape: str, kind: str) -> UnsteadyFlow:
     """A flow with smooth random fields."""
     axial = {"pipe": 8, "bend": 12, "sheared": 8}[shape]
     changes = {"numerics.axial_cells": axial, "numerics.level": 1}
     given = Case.from_dict({**COAL, "geometry": SHAPES[shape]}).with_values(changes | FLOWS[kind])
-    mesh = line(given)
+    mesh = given.scene.mesh()
     if shape == "sheared":
         x = mesh.mesh.geometry.x
         x[:, 1] += math.tan(math.radians(30.0)) * x[:, 2]
-    flow = UnsteadyFlow(given, mesh)
+    flow = UnsteadyFlow(given.scene.problem(), mesh)
     random = np.random.default_rng(1)
     place = flow.cells.centre / 0.01
 
@@ -192,6 +206,14 @@ def flowing(shape: str, kind: str) -> UnsteadyFlow:
     axis = flow.mesh.axis(flow.cells.centre)
     flow.set_velocities(4.0 * axis + smooth(3), 6.0 * axis + 2.0 * smooth(3))
     return flow
+
+
+def point_of(problem: UnsteadyProblem) -> Pointwise:
+    """The laws of a problem at a point."""
+    scales = problem.gas_velocity, problem.diameter, problem.solids, SMALLEST_THETA
+    gap = problem.grain_gap / problem.solids.diameter
+    floors = Regularisation.scaled(*scales, gap)
+    return Pointwise(problem.gas, problem.solids, problem.closures, floors, problem.diameter)
 
 
 def sources(flow: UnsteadyFlow) -> Sources:
@@ -316,9 +338,12 @@ def test_residual_of_the_solids_fraction_is_that_of_the_form(step: Observed) -> 
     pressures = step.recorder.calls["fraction: solids_pressure"]
     beyond = step.recorder.calls.get("fraction: limit_flux", [])
     systems = step.recorder.systems["fraction"]
+    theta, deformation = levels.predicted.theta, on.fields(given.deformation)
+    lift = on.cell(pressures[0][0].get("lift", 0.0) + np.zeros(step.cells.count))
     assert len(systems) > 1
     for i, (_, rhs, _) in enumerate(systems):
-        alpha, p_s = on.cell(pressures[2 * i][0]["alpha"]), on.cell(pressures[2 * i][1])
+        alpha = on.cell(pressures[2 * i][0]["alpha"])
+        p_s = forms.solids_pressure(step.point, alpha, theta, deformation, lift)
         more = beyond[min(i, len(beyond) - 1)][1] if beyond else np.zeros(step.cells.face_count)
         through = forms.solids_flux(on, flux, alpha, p_s, on.face(given.response), spread)
         form = forms.solids_fraction(
@@ -335,38 +360,27 @@ def test_residual_of_the_solids_fraction_is_that_of_the_form(step: Observed) -> 
 
 
 def test_equation_of_the_granular_temperature_is_that_of_the_form(step: Observed) -> None:
-    on, laws = step.on, step.flow.laws
+    on, point = step.on, step.point
     x, w = ufl.TrialFunction(on.scalars), ufl.TestFunction(on.scalars)
     given, _ = step.call("temperature")
     levels, beta = forms.level_fields(on, given.levels), on.cell(given.beta)
     moved, old = on.fields(given.transported), on.fields(given.old)
     start, deformation = on.fields(given.start), on.fields(given.deformation)
     dilation = forms.energy_dilation(moved, deformation, levels, step.line.order)
-    alpha, theta = given.transported.alpha, given.old.theta
-    numbers = on.cell_values(dilation)
-    grains = laws.grains(alpha, theta, replace(given.deformation, dilation=numbers))
-    kinetic = on.fields(grains.kinetic._asdict())
-    solids = SimpleNamespace(**kinetic, theta=old.theta, density=on.constant(laws.solids.density))
     deformation = SimpleNamespace(shear=deformation.shear, dilation=dilation)
+    laws = forms.solids_coefficients(point, moved.alpha, old.theta, deformation)
+    energy = point.granular_energy(laws, old.theta, deformation.shear, dilation, beta)
+    more, density = step.inflow.sources.energy, on.constant(point.solids.density)
     sink, gain = forms.temperature_sources(
-        solids, start.theta, levels.span, start.alpha, deformation, beta, step.inflow.sources.energy
+        energy, density, start.alpha, old.theta, start.theta, levels.span, more
     )
-    heat = wall_heat(step, given, grains)
-    falls, comes = forms.wall_heat(on, old.theta, on.face(heat).edge, x, w)
-    flux = 1.5 * solids.density * moved.flux
-    form = forms.transport(on, x, w, flux, solids.conductivity, sink) + falls
-    entering = (
-        on.constant(step.flow.case.inlet.solids_intensity) * step.inflow.solids_velocity
-    ) ** 2
+    heat = forms.solids_wall(on, point, moved.alpha, old.theta, laws, old.u_s)[1]
+    falls, comes = forms.wall_heat(on, old.theta, heat, x, w)
+    flux = 1.5 * density * moved.flux
+    form = forms.transport(on, x, w, flux, laws.kinetic.conductivity, sink) + falls
+    entering = (on.constant(step.flow.problem.solids_intensity) * step.inflow.solids_velocity) ** 2
     side = on.assembled(forms.transport_source(on, w, flux, gain, entering) + comes)
     assert_systems(step, "temperature", form, side)
-
-
-def wall_heat(step: Observed, given: SimpleNamespace, grains: Any) -> Array:
-    laws, line, edge = step.flow.laws, step.line, step.cells.first[step.line.wall]
-    slip = laws.slip(given.old.u_s[edge], line.normal[line.wall])
-    state = laws.wall_state(given.transported.alpha, given.old.theta, grains, slip, edge)
-    return step.on.on_part("wall", laws.wall_heat(state))
 
 
 def assert_systems(
@@ -428,10 +442,10 @@ def test_equations_of_the_turbulence_are_those_of_the_forms(shape: str, kind: st
 
 def entering(flow: UnsteadyFlow, name: str, feed: Inflow) -> float:
     """A scale of what enters."""
-    law = flow.case.closures.dispersed if name.endswith("_s") else flow.case.closures.turbulence
-    phase, given = ("solids" if name.endswith("_s") else "gas"), flow.case.inlet
+    laws, given = flow.problem.closures, flow.problem
+    law, phase = (laws.dispersed, "solids") if name.endswith("_s") else (laws.turbulence, "gas")
     intensity = given.solids_intensity if phase == "solids" else given.gas_intensity
-    length = given.length_scale * flow.laws.width
+    length = given.length_scale * given.diameter
     return float(np.exp(law.estimate(feed.mean_velocity(phase), intensity, length)[f"ln_{name}"]))
 
 
@@ -456,7 +470,7 @@ def test_forces_on_faces_and_in_cells_are_those_of_the_forms(step: Observed) -> 
         on.cell(given.at.p),
         on.cell(given.beta),
     )
-    gravity = on.constant(step.flow.case.gravity_vector)
+    gravity = on.constant(step.flow.problem.gravity)
     ideal = step.flow.ideal_gas
     lifted = on.constant(ideal.hydrostatic_density if ideal else step.flow.gas.density)
     opened = step.line.open > 0
@@ -594,3 +608,56 @@ def test_mass_of_an_ideal_gas_is_that_of_the_forms(shape: str, kind: str) -> Non
         beyond = toward * step.line.second_order_flux(toward, values, scale, gradient)
     found_density = on.values((upwind + on.face(beyond)) * gas.density)
     assert_open_faces(step, found_density, found.density.upwind)
+
+
+# -- coefficients ---------------------------------------------------------------------------------
+
+
+def test_coefficients_of_the_solids_are_those_of_the_laws_in_ufl(step: Observed) -> None:
+    on, point, cells = step.on, step.point, step.cells
+    given, (solids, _) = step.call("momentum: phases")
+    at, deformation = on.fields(given.at), on.fields(given.deformation)
+    laws = forms.solids_coefficients(point, at.alpha, at.theta, deformation)
+    nu_s = 0.0 if given.coefficients is None else given.coefficients.nu_s
+    eddies = np.maximum(given.at.alpha, 0) * point.solids.density * nu_s
+    assert_close(on.cell_values(laws.viscosity) + eddies, solids.viscosity)
+    assert_close(on.cell_values(laws.kinetic.bulk_viscosity), solids.bulk_viscosity)
+    friction = forms.solids_wall(on, point, at.alpha, at.theta, laws, at.u_s)[0]
+    wall = step.line.wall
+    found = on.values(Face(0, friction), "wall") * cells.face_area
+    assert_close(found[wall], solids.wall_friction)
+
+
+def test_drag_is_that_of_the_law_in_ufl(step: Observed) -> None:
+    on, point = step.on, step.local_point
+    given, _ = step.call("momentum: solve")
+    at, (height, _) = on.fields(step.call("momentum: phases")[0].at), step.profile
+    beta, growth = forms.drag_coefficients(point, at.alpha, at.u_g - at.u_s, height)
+    assert_close(on.cell_values(beta + growth), given.beta)
+    slip = at.u_g - at.u_s
+    for i in range(3):
+        assert_close(on.cell_values(growth * slip[i]), given.dragged[:, i])
+
+
+def test_friction_of_the_gas_is_that_of_the_laws_in_ufl(step: Observed) -> None:
+    on, line = step.on, step.line
+    given, (_, gas) = step.call("momentum: phases")
+    at = on.fields(given.at)
+    height = on.face(on.on_part("wall", line.wall_height)).edge
+    k = at.scales.get("k")
+    friction = forms.gas_wall(on, step.local_point, 1 - at.alpha, at.u_g, height, k)
+    found = on.values(Face(0, friction), "wall") * step.cells.face_area
+    assert_close(found[line.wall], gas.wall_friction)
+
+
+@pytest.mark.parametrize("kind", [kind for kind in FLOWS if kind not in TURBULENT])
+def test_viscosity_of_a_mixing_length_is_that_of_the_law_in_ufl(shape: str, kind: str) -> None:
+    step = observed(shape, kind)
+    on, cells = step.on, step.cells
+    given, (_, gas) = step.call("momentum: phases")
+    levels, found = given.levels, []
+    for at in (levels.now, levels.previous or levels.now):
+        gradient = on.cell(cells.gradient(at.u_g))
+        found.append(on.cell_values(forms.gas_viscosity(step.point, gradient, step.profile)))
+    viscosity = levels.extrapolate(*found) if levels.previous else found[0]
+    assert_close((1 - given.at.alpha) * viscosity, gas.viscosity)

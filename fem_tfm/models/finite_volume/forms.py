@@ -5,7 +5,7 @@ The solver evaluates a step on flat arrays. This module states the same equation
 assemble them with DOLFINx and compare both. Nothing here runs in a simulation.
 
 `on` is the mesh in UFL (`cells.facets`), w a test function of one value a cell, or of one vector.
-The other arguments are what the parts of a step hand on, with UFL in place of their arrays
+`point` are the laws at a point. The other arguments are what the parts of a step hand on, with UFL in place of their arrays
 (`FacetForms.fields`, `phase_fields`, `inflow_fields`). Fluxes are densities, per area of a face.
 """
 
@@ -18,11 +18,19 @@ from typing import Any
 import numpy as np
 import ufl
 
+from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.models.finite_volume.cells.facets import PARTS, Face, FacetForms, larger
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Density, Inflow, Phase
 from fem_tfm.models.finite_volume.time_levels import TimeLevels
 from fem_tfm.models.finite_volume.turbulence import LARGEST_STEP, SMALLEST_CHANGE
+from fem_tfm.models.pointwise import (
+    Deformation,
+    GranularEnergy,
+    Pointwise,
+    SolidsCoefficients,
+    tangential,
+)
 
 IMPERMEABLE = ("wall", "symmetry")
 BUT_INLET = ("outlet", *IMPERMEABLE)
@@ -95,6 +103,49 @@ def present(fraction: Any) -> Any:
 def _vector(value: Any) -> Any:
     """A vector, of three equal components if a number is given."""
     return value if value.ufl_shape else ufl.as_vector([value] * 3)
+
+
+# -- coefficients ---------------------------------------------------------------------------------
+
+
+def solids_pressure(point: Pointwise, alpha: Any, theta: Any, deformation: Any, lift: Any) -> Any:
+    """p_s of kinetic theory, friction and a normal stress `lift` of eddies over a rho_s [Pa]."""
+    alpha = ufl.max_value(alpha, 0)
+    found = point.solids_pressure(alpha, theta, deformation.shear, deformation.dilation)
+    return found + alpha * point.solids.density * lift
+
+
+def solids_coefficients(
+    point: Pointwise, alpha: Any, theta: Any, deformation: Any
+) -> SolidsCoefficients:
+    """Coefficients of kinetic theory and friction."""
+    alpha = ufl.max_value(alpha, 0)
+    return point.coefficients(alpha, theta, deformation.shear, deformation.dilation)
+
+
+def drag_coefficients(point: Pointwise, alpha: Any, slip: Any, height: Any) -> tuple[Any, Any]:
+    """beta and |u| d(beta)/d|u| at the slip velocity u = u_g - u_s [kg/m3/s]."""
+    return point.drag_and_growth(present(alpha), point.speed(slip), height)
+
+
+def gas_viscosity(point: Pointwise, gradient: Any, profile: tuple[Any, Any]) -> Any:
+    """mu_g + mu_t of an algebraic law at height y' of a profile stretched by dy'/dy [Pa s]."""
+    return point.gas_viscosity(point.eddies(Deformation(gradient), *profile), profile[1])
+
+
+def solids_wall(
+    on: FacetForms, point: Pointwise, alpha: Any, theta: Any, at: SolidsCoefficients, u: Any
+) -> tuple[Any, Any]:
+    """Friction c of the traction -c u of a wall [Pa s/m], and its heat into Theta [W/m2]."""
+    slip = point.speed(tangential(u, on.normal.edge))
+    state = WallState(ufl.max_value(alpha, 0), theta, at.g0, at.p_f, slip)
+    return point.solids_wall_friction(state), point.solids_wall_heat(state)
+
+
+def gas_wall(on: FacetForms, point: Pointwise, void: Any, u: Any, height: Any, k: Any) -> Any:
+    """Friction c of the traction -c u of a wall on the gas [Pa s/m]."""
+    slip = point.speed(tangential(u, on.normal.edge))
+    return void * point.gas_wall_friction(slip, height, k)
 
 
 # -- solids fraction ------------------------------------------------------------------------------
@@ -220,24 +271,22 @@ def energy_dilation(moved: Any, deformation: Any, levels: Any, order: int) -> An
 
 
 def temperature_sources(
-    solids: Any, start: Any, span: Any, alpha_start: Any, deformation: Any, beta: Any, energy: Any
+    energy: GranularEnergy, density: Any, alpha: Any, theta: Any, start: Any, span: Any, more: Any
 ) -> tuple[Any, Any]:
-    """Sink over Theta, and gain, of the granular energy per volume [kg/m3/s], [W/m3].
+    """Sink over Theta [kg/m3/s] and gain [W/m3] of the granular energy per volume.
 
-        3/2 a rho (Theta - Theta_0)/dt = 2 mu S:S + bulk (div u)^2 - p div u - gamma - 3 beta Theta
+        3/2 a rho_s (Theta - Theta_0)/dt = production - compression - decay Theta + more
 
-    solids : coefficients at the state `theta` before, with their density; mu feeds Theta by
-        `shear_viscosity`, and p and gamma are linear in Theta
-    energy : what comes in from elsewhere
+    A compression that takes energy, p div u > 0, is in the sink by the Theta of its coefficients.
+
+    alpha, start : fraction and Theta from which the step starts
+    theta : of the coefficients
+    more : what comes in from elsewhere [W/m3]
     """
-    dilation, before = deformation.dilation, solids.theta
-    mass = 1.5 * solids.density * present(alpha_start)
-    unit = solids.pressure / before * dilation
-    sink = mass / span + solids.dissipation / before + 3 * beta + ufl.max_value(unit, 0)
-    sink += ufl.max_value(-energy, 0) / before
-    work = 2 * solids.shear_viscosity * deformation.shear
-    work += solids.bulk_viscosity * dilation**2 + ufl.max_value(-unit, 0) * before
-    return sink, mass / span * start + work + ufl.max_value(energy, 0)
+    inertia = 1.5 * density * present(alpha) / span
+    sink = inertia + energy.decay + ufl.max_value(energy.compression, 0) / theta
+    gain = inertia * start + energy.production + ufl.max_value(-energy.compression, 0)
+    return sink + ufl.max_value(-more, 0) / theta, gain + ufl.max_value(more, 0)
 
 
 def wall_heat(on: FacetForms, theta: Any, heat: Any, x: Any, w: Any) -> tuple[ufl.Form, ufl.Form]:

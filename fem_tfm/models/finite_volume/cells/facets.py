@@ -206,11 +206,14 @@ class FacetForms:
         w = ufl.TestFunction(self.scalars)
         return self.assembled(value * w * self.dx) / self.cells.volume[: self.cells.owned]
 
-    def values(self, face: Face) -> Array:
-        """Values of an expression on faces: its moments with the fluxes of one unit."""
+    def values(self, face: Face, *parts: str) -> Array:
+        """Values of an expression on inner faces and parts of the boundary, all without a name.
+
+        They are its moments with the functions of H(div) that have one unit of flux.
+        """
         q = ufl.TestFunction(self.fluxes)
         unit = Face.of(ufl.dot, Face(q("+"), q), self.normal)
-        form = face.inner * unit.inner * self.dS + face.edge * unit.edge * self.ds()
+        form = face.inner * unit.inner * self.dS + face.edge * unit.edge * self.ds(*parts)
         found = fem.assemble_vector(compile_form(form)).array
         return found[self._numbers] * self._sign
 
