@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -158,16 +158,6 @@ class Observed:
         given, found = self.recorder.calls[name][-1]
         return SimpleNamespace(**given), found
 
-    def gas_balance(self) -> SimpleNamespace | None:
-        """Mass of an ideal gas in UFL per volume, None for a constant density."""
-        if not self.flow.ideal_gas:
-            return None
-        found, volume = self.call("ideal gas")[1], self.cells.volume
-        per_volume = {
-            name: getattr(found, name) / volume for name in ("compressibility", "mass_growth")
-        }
-        return self.on.fields(replace(found, **per_volume))
-
     @property
     def profile(self) -> tuple[Any, Any]:
         """Height of the gas's profile and its stretching, in UFL."""
@@ -301,7 +291,7 @@ def test_gradients_and_reconstructed_vectors_solve_their_least_squares(shape: st
 # -- solids fraction ------------------------------------------------------------------------------
 
 
-def acceleration_shares(step: Observed, given: SimpleNamespace, spread: Array | None) -> Array:
+def acceleration_shares(step: Observed, given: SimpleNamespace, spread: Face) -> Face:
     """Share of the acceleration of inner faces that is carried on, from sums over faces in UFL."""
     on, cells, laws = step.on, step.cells, step.flow.laws
     w, limit = ufl.TestFunction(on.scalars), laws.solids.packing_limit
@@ -312,27 +302,17 @@ def acceleration_shares(step: Observed, given: SimpleNamespace, spread: Array | 
     rate = cells.volume / given.dt
     push = on.face(given.levels.flux_weight * given.response) * on.weight
     sound = on.assembled(on.both(push, w)) / rate * slope * alpha * (1 + odds) ** 2 / limit
-    share = on.face(given.levels.acceleration_share).inner
-    if spread is not None:
-        wide = on.cell(on.assembled(on.both(spread, w)) / rate)
-        share = share / (1 + ufl.max_value(wide("+"), wide("-")) ** 2)
-    largest = on.cell(sound)
-    largest = ufl.max_value(largest("+"), largest("-"))
-    return Face(ufl.max_value(largest / (1 + largest), share), 0)
+    sound, wide = on.cell(sound), on.cell(on.assembled(on.both(spread, w)) / rate)
+    return forms.acceleration_share(sound, wide, on.face(given.levels.acceleration_share))
 
 
 def test_residual_of_the_solids_fraction_is_that_of_the_form(step: Observed) -> None:
     on, w = step.on, ufl.TestFunction(step.on.scalars)
     given, found = step.call("fraction")
-    levels, spread = forms.level_fields(on, given.levels), None
-    if given.coefficients is not None and given.coefficients.dispersion is not None:
-        turbulence, laws = on.fields(given.coefficients), step.flow.laws
-        gas = on.constant(laws.gas.density)
-        if turbulence.relative_density is not None:
-            gas = gas * on.mean(turbulence.relative_density)
-        densities = on.constant(laws.solids.density), gas
-        alpha = levels.now.alpha
-        spread = forms.dispersion_response(on, alpha, turbulence, densities, levels.span_faces)
+    levels = forms.level_fields(on, given.levels)
+    turbulence = forms.turbulence_fields(on, given.coefficients)
+    alpha, span = levels.now.alpha, levels.span_faces
+    spread = forms.dispersion_response(on, step.point, alpha, turbulence, span)
     share = acceleration_shares(step, given, spread)
     flux = forms.predicted_flux(on, levels, share, spread)
     pressures = step.recorder.calls["fraction: solids_pressure"]
@@ -377,7 +357,9 @@ def test_equation_of_the_granular_temperature_is_that_of_the_form(step: Observed
     heat = forms.solids_wall(on, point, moved.alpha, old.theta, laws, old.u_s)[1]
     falls, comes = forms.wall_heat(on, old.theta, heat, x, w)
     flux = 1.5 * density * moved.flux
-    form = forms.transport(on, x, w, flux, laws.kinetic.conductivity, sink) + falls
+    form = (
+        forms.transport(on, x, w, flux, laws.kinetic.conductivity, sink, on.constant(1.0)) + falls
+    )
     entering = (on.constant(step.flow.problem.solids_intensity) * step.inflow.solids_velocity) ** 2
     side = on.assembled(forms.transport_source(on, w, flux, gain, entering) + comes)
     assert_systems(step, "temperature", form, side)
@@ -407,17 +389,18 @@ def test_equations_of_the_turbulence_are_those_of_the_forms(shape: str, kind: st
     given, found = step.call("turbulence")
     levels = forms.level_fields(on, given.levels)
     start, at, moved = on.fields(given.start), on.fields(given.at), on.fields(given.transported)
-    coefficients = on.fields(given.coefficients)
+    coefficients = forms.turbulence_fields(on, given.coefficients)
     assert list(found)
     for i, name in enumerate(found):
         solids = name.endswith("_s")
         before, after = (s.alpha if solids else 1 - s.alpha for s in (start, at))
         flux = moved.flux if solids else at.total_flux - moved.flux
-        density, relative = Density.constant(1.0), np.ones(step.cells.count)
-        if given.gas_balance is not None and not solids:
-            density = given.gas_balance.density.relative_to(flow.laws.gas.density)
-            relative = given.coefficients.relative_density
-        density, relative = forms.density_fields(on, density), on.cell(relative)
+        density, relative = Density.constant(1.0), on.cell(np.ones(step.cells.count))
+        if not solids:
+            relative = coefficients.relative_density
+            if given.gas_balance is not None:
+                density = given.gas_balance.density.relative_to(flow.gas.density)
+        density = forms.density_fields(on, density)
         held = step.recorder.calls["turbulence: solve"][i][0]["held"]
         free, value = np.ones(step.cells.count), np.ones(step.cells.count)
         if held is not None:
@@ -552,7 +535,8 @@ def test_projection_is_that_of_the_forms(step: Observed) -> None:
     given, found = step.call("pressure")
     span = on.face(np.broadcast_to(given.dt, step.cells.face_count))
     alpha, beta = on.cell(given.at.alpha), on.cell(given.beta)
-    phases, gas = phases_of(step), step.gas_balance()
+    phases = phases_of(step)
+    gas = forms.gas_fields(on, given.gas_balance, step.feed.sources)
     solids, density = phases[0].density.faces, phases[1].density.faces
     response = forms.responses(on, alpha, beta, span, solids, density)
     gaps, guess = [on.face(gap) for gap in given.gaps], [on.cell(u) for u in given.guess]

@@ -5,8 +5,9 @@ The solver evaluates a step on flat arrays. This module states the same equation
 assemble them with DOLFINx and compare both. Nothing here runs in a simulation.
 
 `on` is the mesh in UFL (`cells.facets`), w a test function of one value a cell, or of one vector.
-`point` are the laws at a point. The other arguments are what the parts of a step hand on, with UFL in place of their arrays
-(`FacetForms.fields`, `phase_fields`, `inflow_fields`). Fluxes are densities, per area of a face.
+`point` are the laws at a point. The other arguments are the data that the parts of a step exchange,
+with UFL in place of their arrays (`FacetForms.fields` and the functions `..._fields` below). Fluxes
+are densities, per area of a face. `rise` is the difference q(-) - q(+) across a face.
 """
 
 from __future__ import annotations
@@ -21,7 +22,15 @@ import ufl
 from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.models.finite_volume.cells.facets import PARTS, Face, FacetForms, larger
 from fem_tfm.models.finite_volume.cells.line import LineMesh
-from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Density, Inflow, Phase
+from fem_tfm.models.finite_volume.ideal_gas import GasBalance
+from fem_tfm.models.finite_volume.state import (
+    SMALLEST_FRACTION,
+    Density,
+    Inflow,
+    Phase,
+    Sources,
+    TurbulenceCoefficients,
+)
 from fem_tfm.models.finite_volume.time_levels import TimeLevels
 from fem_tfm.models.finite_volume.turbulence import LARGEST_STEP, SMALLEST_CHANGE
 from fem_tfm.models.pointwise import (
@@ -56,13 +65,16 @@ def density_fields(on: FacetForms, density: Density) -> SimpleNamespace:
 
 
 def phase_fields(on: FacetForms, phase: Phase) -> SimpleNamespace:
-    """A phase in UFL.
+    """A phase in UFL, with zeros for the terms that it does not have.
 
     Instead of `support` it has `counts`, how much the sides "+" and "-" of a face follow it, and
     `shifted`, the fraction of either side that the face bears beyond interpolation.
     """
     cells, support = on.cells, phase.support
-    found = on.fields(dataclasses.replace(phase, support=None, wall_friction=0.0))
+    sizes = {"pressure": cells.count}
+    sizes |= dict.fromkeys(("dispersion_force", "implicit_correction"), cells.face_count)
+    absent = {name: np.zeros(n) for name, n in sizes.items() if getattr(phase, name) is None}
+    found = on.fields(dataclasses.replace(phase, support=None, wall_friction=0.0, **absent))
     found.density = density_fields(on, phase.density)
     found.wall_friction = on.density(on.on_part("wall", phase.wall_friction))
     if support is None:
@@ -83,6 +95,36 @@ def inflow_fields(on: FacetForms, inflow: Inflow, line: LineMesh) -> SimpleNames
     found.profile = on.face(on.on_part("inlet", line.inlet_profile))
     found.passes = on.constant(0.0 if inflow.blocked else 1.0)
     return found
+
+
+def turbulence_fields(
+    on: FacetForms, coefficients: TurbulenceCoefficients | None
+) -> SimpleNamespace:
+    """Coefficients of the turbulence in UFL, with zeros where there is none."""
+    zero = np.zeros(on.cells.count)
+    values = {} if coefficients is None else vars(coefficients)
+    found = {name: values.get(name) for name in ("dispersion", "drag", "nu_s", "relative_density")}
+    if found["relative_density"] is None:
+        found["relative_density"] = zero + 1
+    found = {name: zero if value is None else zero + value for name, value in found.items()}
+    return SimpleNamespace(**on.fields({**values, **found}))
+
+
+def gas_fields(on: FacetForms, balance: GasBalance | None, sources: Sources) -> SimpleNamespace:
+    """Balance of the gas per volume in UFL; of a constant density that of both phases' volume."""
+    cells, volume = on.cells, on.cells.volume[: on.cells.owned]
+    if balance is not None:
+        names = ("compressibility", "mass_growth")
+        return on.fields(
+            dataclasses.replace(
+                balance, **{name: getattr(balance, name) / volume for name in names}
+            )
+        )
+    none, owned = np.zeros(cells.face_count), np.zeros(cells.owned)
+    found = {"solids_flux": none, "flux_weight": none + 1, "previous_flux": none}
+    found |= {"compressibility": owned, "mass_growth": owned}
+    found |= {"source": owned + sources.solids + sources.gas}
+    return SimpleNamespace(**on.fields(found))
 
 
 def _entering(inflow: SimpleNamespace, phase: str) -> tuple[Any, Any]:
@@ -152,22 +194,33 @@ def gas_wall(on: FacetForms, point: Pointwise, void: Any, u: Any, height: Any, k
 
 
 def dispersion_response(
-    on: FacetForms, alpha: Any, turbulence: Any, densities: tuple[Any, Any], span: Any
+    on: FacetForms, point: Pointwise, alpha: Any, turbulence: Any, span: Any
 ) -> Face:
     """E: the solids follow dispersion by the volume flux -E rise(alpha_s) [m/s].
 
-        E = a_g c/(n.d)/(a_s a_g (rho_s a_g + rho_g a_s)/dt + beta)
+    E = a_g c/(n.d)/(a_s a_g (rho_s a_g + rho_g a_s)/dt + beta)
 
-    densities : rho_s and rho_g
     """
-    solids, gas = densities
+    solids = point.solids.density
+    gas = point.gas.density * on.mean(turbulence.relative_density)
     alpha = on.mean(alpha)
     void = 1 - alpha
     hold = alpha * void * (solids * void + gas * alpha) / span + on.mean(turbulence.drag)
     return void / hold * on.mean(turbulence.dispersion) * on.weight
 
 
-def predicted_flux(on: FacetForms, levels: Any, share: Face, spread: Face | None) -> Face:
+def acceleration_share(sound: Any, wide: Any, share: Face) -> Face:
+    """Share of the acceleration of inner faces that their predicted flux takes.
+
+    sound : of each cell, square of the step over that in which a wave of p_s crosses it
+    wide : of each cell, the step over that in which dispersion crosses it
+    share : where neither counts
+    """
+    sound, wide = (ufl.max_value(q("+"), q("-")) for q in (sound, wide))
+    return Face(ufl.max_value(sound / (1 + sound), share.inner / (1 + wide**2)), 0)
+
+
+def predicted_flux(on: FacetForms, levels: Any, share: Face, spread: Face) -> Face:
     """Volume flux F of the solids before their new pressure acts [m/s].
 
         F = u_s.n - (what p_s drives of it) + f dt a + E rise(alpha_0)
@@ -177,15 +230,14 @@ def predicted_flux(on: FacetForms, levels: Any, share: Face, spread: Face | None
     start = levels.start
     flux = start.solids_flux - start.pressure_flux
     flux = flux + share * levels.span_faces * start.flux_acceleration
-    return flux if spread is None else flux + spread * on.rise(start.alpha)
+    return flux + spread * on.rise(start.alpha)
 
 
 def solids_flux(
-    on: FacetForms, flux: Face, alpha: Any, p_s: Any, response: Face, spread: Face | None
+    on: FacetForms, flux: Face, alpha: Any, p_s: Any, response: Face, spread: Face
 ) -> Face:
     """Volume flux of the solids at an iterate: F - R_ss rise(p_s)/(n.d) - E rise(alpha_s) [m/s]."""
-    found = flux - response * on.weight * on.rise(p_s)
-    return found if spread is None else found - spread * on.rise(alpha)
+    return flux - response * on.weight * on.rise(p_s) - spread * on.rise(alpha)
 
 
 def solids_fraction(
@@ -223,31 +275,30 @@ def solids_fraction(
 
 
 def _transported(
-    on: FacetForms, x: Any, w: Any, flux: Face, spread: Face, *parts: str, free: Any = None
+    on: FacetForms, x: Any, w: Any, flux: Face, spread: Face, free: Any, *parts: str
 ) -> ufl.Form:
     """Sum over inflow of F (X - X_upwind), and of D (X - X_beyond)/(n.d) over inner faces.
 
+    free : 0 in cells that feel no neighbour, else 1
     parts : of the boundary, through which nothing but X = 0 enters
     """
     ahead, back = larger(flux, 0), larger(-flux, 0)
-    theirs, ours = x("-"), x("+")
-    if free is not None:
-        theirs, ours = free("+") * theirs, free("-") * ours
-    found = (back.inner + spread.inner) * ufl.inner(x("+") - theirs, w("+")) * on.dS
-    found += (ahead.inner + spread.inner) * ufl.inner(x("-") - ours, w("-")) * on.dS
+    plus, minus = x("+") - free("+") * x("-"), x("-") - free("-") * x("+")
+    found = (back.inner + spread.inner) * ufl.inner(plus, w("+")) * on.dS
+    found += (ahead.inner + spread.inner) * ufl.inner(minus, w("-")) * on.dS
     return found + back.edge * ufl.inner(x, w) * on.ds(*parts)
 
 
 def transport(
-    on: FacetForms, x: Any, w: Any, flux: Face, diffusivity: Any, sink: Any, free: Any = None
+    on: FacetForms, x: Any, w: Any, flux: Face, diffusivity: Any, sink: Any, free: Any
 ) -> ufl.Form:
     """Operator of a scale X: sink X + sum_in F (X - X_upwind) + sum D (X - X_beyond)/(n.d).
 
     flux : F, of mass [kg/m2/s], or over a density [m/s]
-    free : 0 in cells whose value is given, which feel no neighbour
+    free : 0 in cells whose value is given, which feel no neighbour, else 1
     """
     spread = on.mean(diffusivity) * on.weight
-    return sink * x * w * on.dx + _transported(on, x, w, flux, spread, *PARTS, free=free)
+    return sink * x * w * on.dx + _transported(on, x, w, flux, spread, free, *PARTS)
 
 
 def transport_source(on: FacetForms, w: Any, flux: Face, gain: Any, entering: Any) -> ufl.Form:
@@ -328,12 +379,11 @@ def momentum(
 
     """
     density, n = phase.density, on.normal.edge
-    spread = on.mean(phase.viscosity) * on.weight
-    if phase.implicit_correction is not None:
-        spread = spread + phase.implicit_correction
+    spread = on.mean(phase.viscosity) * on.weight + phase.implicit_correction
     inertia = density.start * present(phase.fraction_start) / span
     found = inertia * ufl.inner(u, w) * on.dx
-    found += _transported(on, u, w, density.upwind * phase.flux, spread, *BUT_INLET)
+    flux, free = density.upwind * phase.flux, on.constant(1.0)
+    found += _transported(on, u, w, flux, spread, free, *BUT_INLET)
     found += _mass_inflow(phase, inflow) * ufl.inner(u, w) * on.ds("inlet")
     friction = phase.wall_friction.edge
     found += friction * ufl.inner(u, w) * on.ds("wall")
@@ -398,8 +448,7 @@ def viscous_force(
     stress = mu * Face.of(lambda g, n: ufl.dot(n, g), rate, n)
     stress = stress + mu * Face.of(ufl.dot, rate, n - on.delta * on.weight)
     stress = stress + bulk * Face.of(ufl.tr, rate) * n
-    if phase.implicit_correction is not None:
-        stress = stress - phase.implicit_correction * on.rise(u)
+    stress = stress - phase.implicit_correction * on.rise(u)
     along = ufl.tr(gradient) - ufl.dot(n.edge, ufl.dot(gradient, n.edge))
     lateral = (phase.bulk_viscosity - 2 / 3 * phase.viscosity) * along
     found = on.out(stress, w)
@@ -424,11 +473,8 @@ def face_force(
     a : fraction that the face bears; p vanishes outside of the outlet, p_s does not change there
     """
     weight = Face.of(ufl.dot, on.normal, gravity) * (phase.density.faces - lifted)
-    force = phase.face_fraction * (weight - on.rise(p, 0) * on.weight)
-    if phase.pressure is not None:
-        force = force - on.rise(phase.pressure) * on.weight
-    if phase.dispersion_force is not None:
-        force = force + phase.dispersion_force
+    force = phase.face_fraction * (weight - on.rise(p, 0) * on.weight) + phase.dispersion_force
+    force = force - on.rise(phase.pressure) * on.weight
     return force if phase.name == "gas" else Face(force.inner, inflow.passes * force.edge)
 
 
@@ -525,18 +571,16 @@ def total_of(phases: list[SimpleNamespace], parts: list[Face]) -> Face:
     return sum(sums[1:], sums[0])
 
 
-def pressure(on: FacetForms, p: Any, w: Any, stiffness: Face, gas: Any | None) -> ufl.Form:
+def pressure(on: FacetForms, p: Any, w: Any, stiffness: Face, gas: SimpleNamespace) -> ufl.Form:
     """Operator of the change of the pressure p.
 
-        -div(weight sum_kl a_k R_kl a_l grad p), for an ideal gas + a_g p/(dt p_ref)
+        a_g p/(dt p_ref) - div(d sum_kl a_k R_kl a_l grad p)
 
     stiffness : flux of both phases over -rise(p)
-    gas : balance of an ideal gas, None for a constant density
+    gas : d and the first term, which a constant density does not have
     """
-    flux = -stiffness * on.rise(p, 0)
-    if gas is None:
-        return on.out(flux, w, "outlet")
-    return on.out(gas.flux_weight * flux, w, "outlet") + gas.compressibility * p * w * on.dx
+    flux = -gas.flux_weight * stiffness * on.rise(p, 0)
+    return on.out(flux, w, "outlet") + gas.compressibility * p * w * on.dx
 
 
 def pressure_source(
@@ -545,21 +589,18 @@ def pressure_source(
     total: Face,
     phases: list[SimpleNamespace],
     inflow: SimpleNamespace,
-    gas: Any | None,
+    gas: SimpleNamespace,
 ) -> ufl.Form:
-    """Right-hand side of `pressure`: what the flux of both phases lacks of its balance.
+    """Right-hand side of `pressure`: what the flux of both phases lacks of the gas's balance.
 
-    total : on inner faces and the outlet; what enters is that of the inflow
-    gas : balance of an ideal gas, of whose mass this is, None for that of volume
+        source - d (a_s,before - a_s)/dt - div(d (F - F_solids) + F_before)
+
+    total : F on inner faces and the outlet; what enters is that of the inflow
     """
     enters = 0.0
     for phase in phases:
         fraction = _entering(inflow, phase.name)[0]
         enters = enters - fraction * _inlet_velocity(phase, inflow)
-    sources = inflow.sources
-    if gas is None:
-        found = (sources.solids + sources.gas) * w * on.dx - on.out(total, w, "outlet")
-        return found - enters * w * on.ds("inlet")
     weight, kept = gas.flux_weight, gas.previous_flux
     found = (gas.source - gas.mass_growth) * w * on.dx
     found -= on.out(weight * (total - gas.solids_flux) + kept, w, "outlet")
