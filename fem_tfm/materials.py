@@ -63,10 +63,11 @@ DENSITIES = ("density", "species", "gas_constant")
 class Gas(Parameters):
     """The gas: `Gas(density, viscosity)`, or an ideal gas by `Gas.species` or `Gas.ideal`.
 
-    The pressure and the gas constant belong to an ideal gas, rho = p/(R T). `compressible` lets its
+    Pressure, name and gas constant belong to an ideal gas, rho = p/(R T). `compressible` lets its
     density follow the pressure of an unsteady flow.
 
-    Raises InputError for a number out of range, or a compressible gas without its pressure.
+    Raises InputError for a number out of range, a pressure or compressibility of a gas that is not
+    ideal, and a density that is not p/(R T) of one that is.
     """
 
     density: float = parameter(MISSING, "kg/m3", "density", gt=0, le=2000)
@@ -84,9 +85,30 @@ class Gas(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.compressible and self.pressure is None:
-            allowed = "false beside gas.density; give gas.species or gas.gas_constant in its place"
-            raise InputError("gas.compressible", True, allowed)
+        constant = self._constant()
+        if constant is None:
+            if self.pressure is not None:
+                words = "no pressure beside gas.density; give gas.species for an ideal gas"
+                raise InputError("gas.pressure", self.pressure, words)
+            if self.compressible:
+                words = "false beside gas.density; give gas.species or gas.gas_constant in its place"
+                raise InputError("gas.compressible", True, words)
+            return
+        if self.pressure is None:
+            raise InputError("gas.pressure", None, _allowed(type(self), "pressure"))
+        ideal = self.pressure / (constant * self.temperature)
+        if not isinstance(self.density, Expr) and not math.isclose(self.density, ideal):
+            words = f"p/(R T) = {ideal:g} kg/m3, which Gas.species and Gas.ideal find"
+            raise InputError("gas.density", self.density, words)
+
+    def _constant(self) -> float | None:
+        """R of an ideal gas [J/kg/K], None for a gas by its density."""
+        if self.name is None:
+            return self.gas_constant
+        if self.gas_constant is not None:
+            words = f"exactly one of {', '.join(DENSITIES)}"
+            raise InputError("gas.gas_constant", self.gas_constant, words)
+        return _species(self.name).gas_constant
 
     @classmethod
     def species(cls, name: str, pressure: float, temperature: float = 293.0, **more: Any) -> Self:
@@ -131,11 +153,7 @@ class Gas(Parameters):
         if len(stated) != 1:
             key = stated[-1] if stated else DENSITIES[0]
             raise InputError(f"gas.{key}", given.get(key), f"exactly one of {', '.join(DENSITIES)}")
-        if stated == ["density"]:
-            if "pressure" in given:
-                words = "no pressure beside gas.density; give gas.species for an ideal gas"
-                raise InputError("gas.pressure", given["pressure"], words)
-        else:
+        if stated != ["density"]:
             cls._fill_ideal(given)
         if "viscosity" not in given:
             raise InputError("gas.viscosity", None, _allowed(cls, "viscosity"))
@@ -145,15 +163,13 @@ class Gas(Parameters):
     def _fill_ideal(cls, given: dict[str, Any]) -> None:
         """Density and viscosity of an ideal gas."""
         name, temperature = given.get("species"), given.get("temperature", 293.0)
-        if name is not None and name not in SPECIES:
-            words = "one of " + ", ".join(SPECIES)
-            raise InputError("gas.species", name, words, nearest(name, SPECIES))
+        known = None if name is None else _species(name)
         if "pressure" not in given:
             raise InputError("gas.pressure", None, _allowed(cls, "pressure"))
-        constant = SPECIES[name].gas_constant if name else given["gas_constant"]
+        constant = known.gas_constant if known else given["gas_constant"]
         given["density"] = given["pressure"] / (constant * temperature)
-        if name:
-            given.setdefault("viscosity", SPECIES[name].viscosity(temperature))
+        if known:
+            given.setdefault("viscosity", known.viscosity(temperature))
 
     def to_table(self) -> dict[str, Any]:
         """The table [gas] from which `from_table` makes the same gas."""
@@ -169,6 +185,14 @@ class Gas(Parameters):
         return replace(self, density=wrap(self.density), viscosity=wrap(self.viscosity))
 
 
+def _species(name: str) -> Species:
+    """An ideal gas by its name; raises InputError."""
+    if name not in SPECIES:
+        words = "one of " + ", ".join(SPECIES)
+        raise InputError("gas.species", name, words, nearest(name, SPECIES))
+    return SPECIES[name]
+
+
 def _allowed(cls: type[Parameters], name: str) -> str:
     return allowed(cls, next(f for f in fields(cls) if f.name == name))  # type: ignore[arg-type]
 
@@ -181,7 +205,7 @@ class Solids(Parameters):
     """
 
     density: float = parameter(MISSING, "kg/m3", "density of the particle", gt=0, le=25000)
-    diameter: float = parameter(MISSING, "m", "diameter of the particle", gt=0, le=1)
+    diameter: float = parameter(MISSING, "m", "diameter of the particle", gt=0, le=0.1)
     restitution: float = parameter(0.7, "-", "particle-particle restitution", gt=0, le=1)
     packing_limit: float = parameter(0.63, "-", "largest solids fraction", gt=0, lt=0.7406)
     friction_limit: float = parameter(

@@ -179,12 +179,11 @@ def _factor(schedule: Pairs, time: float) -> float:
 class Inlet(Parameters):
     """How the flow enters a line whose development is solved.
 
-    profile None takes that of the model: a power law for two phases, uniform for a gas alone by
-    Reynolds stresses.
+    A gas by Reynolds stresses enters uniformly, whatever the profile.
     """
 
-    profile: Literal["power-law", "uniform"] | None = parameter(
-        None, doc="velocities of both phases at the inlet, power 1/7 or uniform"
+    profile: Literal["power-law", "uniform"] = parameter(
+        "power-law", doc="velocities of both phases at the inlet, power 1/7 or uniform"
     )
     solids_intensity: float = parameter(
         0.05, "-", "agitation and turbulence of the solids over their mean velocity", gt=0, le=1

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The case: a scene as a TOML file or a dictionary of the same shape, in SI units.
 
-Every key is a field of an object that the scene is made of; `scenes.reading` collects them.
+Every key is a field of an object that the scene is made of; `scenes.kinds` collects them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from mpi4py import MPI
 import fem_tfm.scenes  # noqa: F401  (the scenes register themselves)
 from fem_tfm.case.edit import change, give_way, parse_override, read
 from fem_tfm.output.result import Result
-from fem_tfm.scenes.reading import known_keys, scene_from, tables_of
+from fem_tfm.scenes.kinds import known_keys
+from fem_tfm.scenes.reading import scene_from, tables_of
 from fem_tfm.scenes.recorder import case_text
 from fem_tfm.scenes.scene import Scene
 

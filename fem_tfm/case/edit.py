@@ -11,7 +11,8 @@ from typing import Any
 
 from fem_tfm.errors import InputError, nearest
 from fem_tfm.operation import FEEDS
-from fem_tfm.scenes.reading import CHOOSING, known_keys, unknown_key
+from fem_tfm.scenes.kinds import known_keys, known_tables
+from fem_tfm.scenes.reading import CHOOSING, unknown_key
 
 # ways to give one thing, each a key with its companions: a changed key replaces the other ways
 INSTEAD: dict[str, dict[str, tuple[str, ...]]] = {
@@ -55,9 +56,8 @@ def read(path: Path) -> dict[str, Any]:
 def change(values: dict[str, Any], key: str, value: Any) -> None:
     """Set a dotted key in nested tables; a closure keeps its name when a parameter is set."""
     *tables, name = key.split(".")
-    law, known, laws = ".".join(tables), known_keys(), law_defaults()
-    named = {k.rpartition(".")[0] for k in known}
-    if not (key in known or key in CHOOSING or key in named or law in laws):
+    law, laws = ".".join(tables), law_defaults()
+    if key not in (*known_keys(), *known_tables(), *CHOOSING) and law not in laws:
         raise unknown_key(key, value)
     if law in laws and name == "model":
         # another law has other parameters, so those given are dropped

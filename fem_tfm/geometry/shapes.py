@@ -42,7 +42,7 @@ class Shape(Parameters, ABC):
         """The shape of a table [geometry]; None stands for the default.
 
         Raises InputError for a name that is no shape, a size that is missing, and a key that
-        belongs to another shape (a key of a bend may stand at its default).
+        belongs to another shape.
         """
         given = {key: value for key, value in values.items() if value is not None}
         name = given.pop("shape", Pipe.shape)
@@ -56,10 +56,9 @@ class Shape(Parameters, ABC):
             if key in given and key not in own:
                 words = f"geometry.{size} in its place for shape {name!r}"
                 raise InputError(f"geometry.{key}", given[key], words)
-        for key in [key for key in given if key in bend and key not in own]:
-            value = given.pop(key)
-            if value != bend[key].default:
-                raise InputError(f"geometry.{key}", value, "geometry.shape = 'bend' beside it")
+        for key in given:
+            if key in bend and key not in own:
+                raise InputError(f"geometry.{key}", given[key], "geometry.shape = 'bend' beside it")
         if size not in given:
             words = f"{allowed(cls, own[size])} for shape {name!r}"
             raise InputError(f"geometry.{size}", None, words)

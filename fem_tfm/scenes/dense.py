@@ -3,17 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mpi4py import MPI
-
 from fem_tfm.errors import SolverError
-from fem_tfm.geometry.mesh import section_mesh
 from fem_tfm.geometry.resolution import Resolution
-from fem_tfm.geometry.section import Section
 from fem_tfm.models import transfer
 from fem_tfm.models.section import between
 from fem_tfm.models.two_fluid import initial
@@ -26,8 +21,8 @@ from fem_tfm.output.files import on_root
 from fem_tfm.output.pictures import SectionView, section_picture, vertical_profile
 from fem_tfm.output.profiles import write_profiles
 from fem_tfm.output.result import Result
+from fem_tfm.scenes.physics import Physics, SectionPhysics, residence_control
 from fem_tfm.solvers import nested
-from fem_tfm.solvers.pseudo_time import PseudoTimeControl
 
 # coarsest mesh of the nested iteration, core cell over the hydraulic diameter
 COARSEST = 0.25
@@ -38,8 +33,8 @@ WALL_PENALTY, SMOOTHING, SMALLEST_RATE = 200.0, 0.05, 1e-4
 BALANCE_ERROR = 1e-6
 # and one whose gradient the raised terms of the mesh change by a larger share is none either
 LARGEST_CHANGE = 0.5
-# pseudo-time in units of the residence time D/U_g
-FIRST_STEP, SMALLEST_STEP, LARGEST_STEP = 0.13, 1e-5, 1e7
+# first step of pseudo-time in units of the residence time D/U_g
+FIRST_STEP, GROWTH = 0.13, 1.8
 FILES = (
     "result.json", "report.html", "monitor.csv", "run.log", "profiles.csv", "section.png",
     "fields.xdmf", "fields.h5",
@@ -78,6 +73,14 @@ BASE_MEMORY, MEMORY_PER_UNKNOWN, TIME_PER_UNKNOWN, TRANSPORT_FACTOR = 170, 0.012
 COMPILE_TIME, COMPILE_TIME_PER_SCALE = 15, 11
 
 
+def with_wall_cell(physics: Physics) -> Resolution:
+    """Resolution with the cell at the wall that the wall law of the gas asks for."""
+    scene, resolution = physics.scene, physics.resolution
+    if not scene.model.gas_wall.resolved:
+        return resolution
+    return resolution.with_wall_cell(physics.section, scene.wall_offset)
+
+
 def setup_of(scene: Any) -> Setup:
     """Numbers of the section that a scene describes."""
     model, speed, width = scene.model, scene.feed.gas_velocity, scene.geometry.hydraulic_diameter
@@ -109,74 +112,41 @@ def setup_of(scene: Any) -> Setup:
     )
 
 
-def step_control(section: TwoFluidSection, tolerance: float, max_steps: int) -> PseudoTimeControl:
-    """Pseudo-time steps scaled by the residence time D/U_g."""
-    unit = section.mesh.section.hydraulic_diameter / section.setup.gas_velocity
-    return PseudoTimeControl(
-        first=FIRST_STEP * unit,
-        smallest=SMALLEST_STEP * unit,
-        largest=LARGEST_STEP * unit,
-        tolerance=tolerance,
-        max_steps=max_steps,
-    )
-
-
 SCHEME = nested.Scheme(
     section=TwoFluidSection,
     cold=initial.cold,
     warm=transfer.warm,
     follow=transfer.follow,
-    control=step_control,
+    control=partial(residence_control, first=FIRST_STEP, growth=GROWTH),
     between=between,
     ease=TwoFluidSection.ease,
     calm=initial.calm,
 )
 
 
-class Dense:
-    """What a scene of the two-fluid model tells of its section.
-
-    Attributes
-    ----------
-    section : the part of the section that is solved
-    resolution : of the mesh, with the wall cell that the law of the gas asks for
-    """
+class Dense(SectionPhysics):
+    """What a scene of the two-fluid model tells of its section."""
 
     headline = "pressure_gradient"
     scheme = SCHEME
     columns = COLUMNS
     warned = WARNED
     files = FILES
-    first_step, largest_step = FIRST_STEP, LARGEST_STEP
-    coarsest = COARSEST
+    first_step, coarsest = FIRST_STEP, COARSEST
     balance_error = BALANCE_ERROR
     solved_words = "developed section by the two-fluid model: steady, d/dz = 0"
 
     def __init__(self, scene: Any) -> None:
-        self.scene = scene
-        self.section: Section = scene.geometry.section("half")
-        self.resolution: Resolution = scene.resolution
-        if scene.model.gas_wall.resolved:
-            self.resolution = self.resolution.with_wall_cell(self.section, scene.wall_offset)
+        super().__init__(scene)
+        self.resolution = with_wall_cell(self)
 
     def setup(self) -> Setup:
         """Numbers of the section."""
         return setup_of(self.scene)
 
-    def meshes(self, comm: MPI.Comm = MPI.COMM_WORLD) -> list[Callable[[], Any]]:
-        """Makers of the meshes of the nested iteration, coarse to fine."""
-        return [
-            partial(section_mesh, self.section, one, comm)
-            for one in self.resolution.nested(self.section, COARSEST)
-        ]
-
     def signs(self, section: TwoFluidSection) -> dict[str, float]:
         """The early warning: gradient [Pa/m] and extremes of the solids."""
         return {"pressure_gradient": pressure_gradient(section), **section.extremes()}
-
-    def multipliers(self, section: TwoFluidSection) -> dict[str, Any]:
-        """Constants that belong to the state."""
-        return {"drive": section.drive, "source": section.source}
 
     def told(self, solution: nested.Solution) -> dict[str, Any]:
         """What an answer is made of: quantities, errors, balances and notes.
@@ -191,10 +161,6 @@ class Dense:
         found, errors = estimated(solution, self.scene.geometry.length)
         notes = [raised_terms(section)] if section.mesh_terms.raised else []
         return {"quantities": found, "errors": errors, "balances": balances, "notes": notes}
-
-    def fields(self, section: TwoFluidSection, told: Any = None) -> dict[str, Any]:
-        """Fields for output."""
-        return section.fields()
 
     def write(self, section: TwoFluidSection, result: Result, out: Path | None, told: Any) -> None:
         """Profiles along the vertical diameter, for the result and the files, and the picture."""

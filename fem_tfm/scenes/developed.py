@@ -4,14 +4,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+import numpy as np
 from mpi4py import MPI
 
-from fem_tfm.errors import SolverError
+from fem_tfm.errors import InputError, SolverError
 from fem_tfm.geometry.gmsh import GmshModel
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.shapes import Duct, Pipe
@@ -24,6 +25,7 @@ from fem_tfm.parameters import parameter
 from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas
 from fem_tfm.scenes.kinds import Kind, register
+from fem_tfm.scenes.physics import LARGEST_STEP
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.scene import Answer, Scene
 from fem_tfm.scenes.statement import SteadyNumerics
@@ -32,7 +34,31 @@ from fem_tfm.solvers.nested import Observer
 
 
 @dataclass(frozen=True)
-class Developed(Scene):
+class SectionScene(Scene):
+    """A scene whose mesh is that of a section."""
+
+    model: TwoFluid | ReynoldsStress
+
+    @property
+    def files(self) -> Sequence[str]:
+        """Names of what a run may leave in its directory."""
+        return self.physics.files
+
+    def advice(self) -> list[str]:
+        """What the user probably did not mean, one sentence each."""
+        return self.physics.advice()
+
+    def mesh_model(self) -> GmshModel:
+        """The mesh as Gmsh makes it."""
+        return GmshModel(self.physics.section, self.physics.resolution)
+
+    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
+        """The finest mesh of the section."""
+        return self.physics.meshes(comm)[-1]()
+
+
+@dataclass(frozen=True)
+class Developed(SectionScene):
     """The developed section: hold-up or flux is given, the pressure gradient is found.
 
     numerics : how strictly it is solved
@@ -40,14 +66,9 @@ class Developed(Scene):
     Raises InputError for values that do not fit each other.
     """
 
-    model: TwoFluid | ReynoldsStress
     numerics: SteadyNumerics = parameter(doc="mesh and solver", factory=SteadyNumerics)
     solution: ClassVar[str] = "developed"
-
-    @property
-    def files(self) -> Sequence[str]:
-        """Names of what a run may leave in its directory."""
-        return self.physics.files
+    differentiable: ClassVar[bool] = True
 
     def recorder(self, setting: Setting | None = None) -> SectionRecorder:
         """What a run tells and keeps while it works."""
@@ -80,7 +101,7 @@ class Developed(Scene):
             restart = recorder.restart() if recorder.resume else None
             solution = nested.solve(meshes, setup, *limits, recorder, scheme, restart)
             spent += sum(section.newton.factorisations for section in recorder.begun)
-        recorder.told = physics.told(solution)
+        recorder.take(solution)
         told = {name: recorder.told[name] for name in ANSWERED if name in recorder.told}
         state = Kept(self, solution)
         return Answer(
@@ -101,18 +122,6 @@ class Developed(Scene):
             *physics.skipped_of_axis(),
             *physics.skipped(),
         ]
-
-    def advice(self) -> list[str]:
-        """What the user probably did not mean, one sentence each."""
-        return self.physics.advice()
-
-    def mesh_model(self) -> GmshModel:
-        """The mesh as Gmsh makes it."""
-        return GmshModel(self.physics.section, self.physics.resolution)
-
-    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
-        """The finest mesh of the section."""
-        return self.physics.meshes(comm)[-1]()
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
@@ -171,6 +180,33 @@ class Kept:
         same = self.meshes == mesh_key(scene) and type(scene.model) is type(self.scene.model)
         return same and setup.structure == scene.physics.setup().structure
 
+    def adjoint(self) -> tuple[np.ndarray, np.ndarray]:
+        """Adjoint of G, which is linear in its multiplier, such as G/rho_g.
+
+        Raises LinearSolveError where the Jacobian is singular.
+        """
+        section, physics = self.solution.section, self.scene.physics
+        found, drive = section.newton.adjoint(0), section.drive
+        value, before = float(drive.value), physics.signs(section)["pressure_gradient"]
+        drive.value = value + 1.0
+        rate = physics.signs(section)["pressure_gradient"] - before
+        drive.value = value
+        return rate * found[0], rate * found[1]
+
+    def lagrangian(self, scene: Developed, adjoint: tuple[np.ndarray, np.ndarray]) -> float:
+        """G - v.F - w.c of the finest section under the numbers of a neighbouring scene [Pa/m].
+
+        Raises InputError for a scene with other meshes or laws.
+        """
+        if not self.leads_to(scene):
+            raise InputError("sensitivity", scene.title, "a scene that differs in numbers alone")
+        section, physics, (forms, borders) = self.solution.section, scene.physics, adjoint
+        with numbers_of(section, physics.setup(), physics.scheme):
+            own = float(forms @ section.newton.assemble_residual())
+            missed = float(borders @ np.array(section.newton.constraint_errors()))
+            gradient = physics.signs(section)["pressure_gradient"]
+        return gradient - section.mesh.mesh.comm.allreduce(own) - missed
+
     def factorisations(self) -> int:
         """Factorisations of the last two meshes so far."""
         return sum(level.section.newton.factorisations for level in self.solution.levels[-2:])
@@ -179,6 +215,25 @@ class Kept:
         """Free the solvers."""
         for level in self.solution.levels:
             level.section.newton.destroy()
+
+
+@contextmanager
+def numbers_of(section: Any, setup: Any, scheme: nested.Scheme) -> Iterator[None]:
+    """Let a section have other numbers for a while; its terms of the mesh stay raised."""
+    given, terms = section.setup, getattr(section, "mesh_terms", None)
+    rougher = getattr(section, "rougher", None)
+
+    def take(wanted: Any) -> None:
+        section.update(wanted)
+        if terms is not None and scheme.ease is not None:
+            scheme.ease(section, terms)
+            section.rougher = rougher
+
+    take(setup)
+    try:
+        yield
+    finally:
+        take(given)
 
 
 def mesh_key(scene: Developed) -> tuple[Any, ...]:
@@ -238,6 +293,11 @@ class SectionRecorder(Recorder, Observer):
         self.progress.update(self._fraction(row["dt"]), warning)
         self.log(f"step {self.steps}: dt {row['dt']:.3g} s, {warning}")
 
+    def take(self, solution: nested.Solution) -> None:
+        """The solution whose finest section is written."""
+        self.section, self.level = solution.section, len(self.physics.meshes(self.comm)) - 1
+        self.told = self.physics.told(solution)
+
     def retry(self, dt: float, reason: str) -> None:
         """A line of the log for a step taken back."""
         self.log(f"taken back: {reason}; dt {dt:.3g} s")
@@ -245,7 +305,7 @@ class SectionRecorder(Recorder, Observer):
     def _fraction(self, dt: float) -> float:
         """Share of the work done, from the decades of dt that are behind on this mesh."""
         unit = self.scene.geometry.hydraulic_diameter / self.scene.feed.gas_velocity
-        bounds = self.physics.first_step, self.physics.largest_step
+        bounds = self.physics.first_step, LARGEST_STEP
         first, last = (math.log(bound * unit) for bound in bounds)
         share = min(max((math.log(dt) - first) / (last - first), 0.0), 1.0)
         return (self.level + 0.9 * share) / self._levels
@@ -262,7 +322,7 @@ class SectionRecorder(Recorder, Observer):
         if self.out is None:
             return
         numbers = {"level": self.level, "steps": self.steps}
-        numbers |= {n: float(c.value) for n, c in self.physics.multipliers(section).items()}
+        numbers |= {f"multiplier{k}": value for k, value in enumerate(section.stored()[1])}
         fields = {name: section.unknown(name) for name in section.names}
         checkpoint.save(self.out, self.comm, fields, numbers)
 
@@ -276,8 +336,8 @@ class SectionRecorder(Recorder, Observer):
             checkpoint.load(self.out, self.comm, fields)
             for name, function in fields.items():
                 section.set_unknown(name, function)
-            for name, constant in self.physics.multipliers(section).items():
-                constant.value = numbers[name]
+            for k, border in enumerate(section.newton.borders):
+                border.multiplier.value = numbers[f"multiplier{k}"]
 
         return int(numbers["level"]), restore
 
@@ -325,6 +385,9 @@ register(
         (Pipe, Duct),
         DuctGas,
         DEFAULTS,
-        (*UNREAD, *GAS_UNREAD, "output.stations"),
+        (
+            *UNREAD, *GAS_UNREAD, "output.stations", "operation.outlet_pressure",
+            "heat.wall_temperature",
+        ),  # fmt: skip
     )
 )

@@ -9,11 +9,8 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from mpi4py import MPI
 
 from fem_tfm.errors import SolverError
-from fem_tfm.geometry.gmsh import GmshModel
-from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.shapes import Duct, Pipe
 from fem_tfm.models.line import Line
 from fem_tfm.models.reynolds_stress.line import ReynoldsStressLine
@@ -30,11 +27,11 @@ from fem_tfm.output.profiles import write_profiles
 from fem_tfm.output.result import Result
 from fem_tfm.parameters import parameter
 from fem_tfm.scenes.dense import Dense
-from fem_tfm.scenes.developed import GAS_UNREAD, UNREAD, describe, time_words
+from fem_tfm.scenes.developed import GAS_UNREAD, UNREAD, SectionScene, describe, time_words
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas, heat_of
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.recorder import Recorder, Setting
-from fem_tfm.scenes.scene import Answer, Scene
+from fem_tfm.scenes.scene import Answer
 from fem_tfm.scenes.statement import MarchNumerics
 from fem_tfm.solvers.marching import MarchControl, Stop
 
@@ -43,7 +40,7 @@ FIRST_STEP = 0.01
 
 
 @dataclass(frozen=True)
-class Developing(Scene):
+class Developing(SectionScene):
     """A line from its inlet on: what enters is given, the pressure along it is found.
 
     inlet : how the flow enters
@@ -53,7 +50,6 @@ class Developing(Scene):
     enters.
     """
 
-    model: TwoFluid | ReynoldsStress
     inlet: Inlet = parameter(doc="what enters a line", factory=Inlet)
     numerics: MarchNumerics = parameter(doc="mesh and solver", factory=MarchNumerics)
     solution: ClassVar[str] = "developing"
@@ -66,7 +62,7 @@ class Developing(Scene):
     @property
     def files(self) -> Sequence[str]:
         """Names of what a run may leave in its directory."""
-        return (*self.physics.files, "axis.csv", "axis.png")
+        return (*super().files, "axis.csv", "axis.png")
 
     def recorder(self, setting: Setting | None = None) -> LineRecorder:
         """What a run tells and keeps while it works."""
@@ -114,18 +110,6 @@ class Developing(Scene):
             *physics.skipped(),
         ]
 
-    def advice(self) -> list[str]:
-        """What the user probably did not mean, one sentence each."""
-        return self.physics.advice()
-
-    def mesh_model(self) -> GmshModel:
-        """The mesh as Gmsh makes it."""
-        return GmshModel(self.physics.section, self.physics.resolution)
-
-    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
-        """The mesh of the section."""
-        return self.physics.meshes(comm)[-1]()
-
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
         physics: Physics = self.physics
@@ -164,10 +148,6 @@ class DenseMarch(Dense):
     first_stations, station_time, largest_share = 60, 3.5e-5, 1 / 60
     smallest_step, tolerance = 1e-5, 1e-10
     monitored = ("pressure_gradient", "holdup", "max_solids_fraction", "max_theta")
-
-    def references(self) -> Mapping[str, Any]:
-        """None that belong to the model."""
-        return {}
 
     def stations(self) -> int:
         """About how many stations."""
@@ -393,7 +373,7 @@ register(
         TwoFluid,
         (Pipe, Duct),
         DenseMarch,
-        {"numerics.cells": "triangle", "inlet.profile": "power-law"},
+        {"numerics.cells": "triangle"},
         UNREAD,
     )
 )
@@ -405,6 +385,6 @@ register(
         (Pipe, Duct),
         DuctMarch,
         DEFAULTS,
-        (*UNREAD, *GAS_UNREAD, "inlet.solids_intensity"),
+        (*UNREAD, *GAS_UNREAD, "inlet.solids_intensity", "inlet.profile"),
     )
 )

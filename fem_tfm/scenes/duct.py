@@ -4,17 +4,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mpi4py import MPI
-
 from fem_tfm.correlations import gnielinski, jones_friction, smooth_friction
 from fem_tfm.errors import SolverError
-from fem_tfm.geometry.mesh import section_mesh
-from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.section import RectangularSection, Section
 from fem_tfm.models import transfer
 from fem_tfm.models.reynolds_stress import initial
@@ -36,19 +31,17 @@ from fem_tfm.output.files import on_root
 from fem_tfm.output.pictures import SectionView
 from fem_tfm.output.profiles import write_profiles
 from fem_tfm.output.result import Reference, Result
+from fem_tfm.scenes.physics import SectionPhysics, residence_control
 from fem_tfm.solvers import nested
-from fem_tfm.solvers.pseudo_time import PseudoTimeControl
 
 # of keys whose default depends on the model
-DEFAULTS = {
-    "numerics.cells": "quadrilateral", "numerics.wall_grading": 0.0625, "inlet.profile": "uniform",
-}  # fmt: skip
+DEFAULTS = {"numerics.cells": "quadrilateral", "numerics.wall_grading": 0.0625}
 # coarsest mesh of the nested iteration, core cell over the hydraulic diameter
 COARSEST = 0.31
 # the EVSS viscosity, the condition on eps at the plane, and the compressibility times U D
 STABILISATION, WALL_PENALTY, PRESSURE_SHIFT = 0.09, 200.0, 1e-6
-# pseudo-time in units of D/U
-FIRST_STEP, SMALLEST_STEP, LARGEST_STEP, GROWTH = 3.0, 1e-5, 1e7, 3.0
+# first step of pseudo-time in units of D/U
+FIRST_STEP, GROWTH = 3.0, 3.0
 # a state that misses the flux by more is no answer; momentum, which is not conservative, by more
 FLUX_ERROR, MOMENTUM_ERROR = 1e-6, 0.05
 FILES = (
@@ -85,63 +78,34 @@ def setup_of(scene: Any) -> Setup:
     return Setup(*scene.model.resolved(), numbers, speed, scene.numerics.quadrature_degree)
 
 
-def step_control(
-    section: ReynoldsStressSection, tolerance: float, max_steps: int
-) -> PseudoTimeControl:
-    """Pseudo-time steps scaled by the residence time D/U."""
-    unit = section.mesh.section.hydraulic_diameter / section.setup.velocity
-    return PseudoTimeControl(
-        first=FIRST_STEP * unit,
-        smallest=SMALLEST_STEP * unit,
-        largest=LARGEST_STEP * unit,
-        growth=GROWTH,
-        tolerance=tolerance,
-        max_steps=max_steps,
-    )
-
-
 SCHEME = nested.Scheme(
     section=ReynoldsStressSection,
     cold=initial.cold,
     warm=transfer.warm,
     follow=transfer.follow,
-    control=step_control,
+    control=partial(residence_control, first=FIRST_STEP, growth=GROWTH),
     between=between,
 )
 
 
-class DuctGas:
+class DuctGas(SectionPhysics):
     """What a scene of the Reynolds-stress model tells of its section.
 
-    Attributes
-    ----------
-    section : the part that is solved; it begins at the distance of the wall functions
+    The section begins at the distance of the wall functions.
     """
 
+    offsets = True
     headline = "friction_factor"
     scheme = SCHEME
     columns = COLUMNS
     warned = WARNED
     files = FILES
-    first_step, largest_step = FIRST_STEP, LARGEST_STEP
-    coarsest = COARSEST
+    first_step, coarsest = FIRST_STEP, COARSEST
     solved_words = "developed section of a duct's gas by Reynolds stresses: steady, d/dz = 0"
-
-    def __init__(self, scene: Any) -> None:
-        self.scene = scene
-        self.section: Section = scene.geometry.section("quarter", scene.wall_offset)
-        self.resolution: Resolution = scene.resolution
 
     def setup(self) -> Setup:
         """Numbers of the section."""
         return setup_of(self.scene)
-
-    def meshes(self, comm: MPI.Comm = MPI.COMM_WORLD) -> list[Callable[[], Any]]:
-        """Makers of the meshes of the nested iteration, coarse to fine."""
-        return [
-            partial(section_mesh, self.section, one, comm)
-            for one in self.resolution.nested(self.section, COARSEST)
-        ]
 
     def signs(self, section: ReynoldsStressSection) -> dict[str, float]:
         """The early warning: gradient [Pa/m], secondary flow and realisability."""
@@ -150,10 +114,6 @@ class DuctGas:
             "secondary_velocity_max": secondary(section),
             "smallest_stress": smallest_stress(section),
         }
-
-    def multipliers(self, section: ReynoldsStressSection) -> dict[str, Any]:
-        """Constants that belong to the state."""
-        return {"drive": section.drive}
 
     def told(self, solution: nested.Solution) -> dict[str, Any]:
         """What an answer is made of: quantities, errors, balances, references and the heat.
@@ -209,10 +169,6 @@ class DuctGas:
         if self.scene.model.heat is None:
             left_out.append("temperature and heat fluxes: no table [heat]")
         return left_out
-
-    def skipped_of_axis(self) -> list[str]:
-        """Nothing more along the axis."""
-        return []
 
     def advice(self) -> list[str]:
         """What a user probably did not mean, one sentence each."""

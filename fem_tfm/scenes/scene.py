@@ -12,8 +12,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, MISSING, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
+import numpy as np
 from mpi4py import MPI
 
 from fem_tfm.errors import InputError, SolverError
@@ -27,8 +28,7 @@ from fem_tfm.output.result import QUANTITIES, Quantity, Result, versions
 from fem_tfm.output.result import Reference as Published
 from fem_tfm.parameters import Parameters, key_of, parameter
 from fem_tfm.progress import Progress
-from fem_tfm.scenes.kinds import KINDS, Kind
-from fem_tfm.scenes.reading import unread_words
+from fem_tfm.scenes.kinds import KINDS, Kind, check_shape, unread_words
 from fem_tfm.scenes.recorder import Recorder, Setting, prepare, results_directory
 from fem_tfm.scenes.statement import Output, Reference
 
@@ -41,7 +41,7 @@ class Scene(Parameters, ABC):
     does not read.
     """
 
-    model: Any = parameter(MISSING, doc="materials and laws", key="model")
+    model: Any = parameter(MISSING, doc="materials and laws")
     geometry: Shape = parameter(MISSING, doc="conveying line", key="geometry")
     feed: Feed = parameter(MISSING, doc="fluxes, hold-up, gravity", key="operation")
     _: KW_ONLY
@@ -53,6 +53,8 @@ class Scene(Parameters, ABC):
     )
     references: tuple[Reference, ...] = parameter((), doc="published values", key="reference")
     solution: ClassVar[str]
+    # whether the state of an answer is Differentiable
+    differentiable: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -88,12 +90,12 @@ class Scene(Parameters, ABC):
                 object.__setattr__(self, f.name, part)
 
     def _check_shape(self, kind: Kind) -> None:
-        if not isinstance(self.geometry, kind.shapes) or self.geometry.shape not in {
-            shape.shape for shape in kind.shapes
-        }:
-            others = [k for k in KINDS if any(s.shape == self.geometry.shape for s in k.shapes)]
-            words = " or ".join(f"solution = {k.scene.solution!r} beside it" for k in others)
-            raise InputError("geometry.shape", self.geometry.shape, words)
+        """The shape is one of the kind, and a quarter does where the model is symmetric enough."""
+        check_shape(self.geometry.shape, kind)
+        symmetry = self.geometry.symmetry
+        if symmetry == "quarter" and kind.model.symmetry != "quarter":
+            words = f"one of auto, half, none for flow {kind.flow!r}, whose weight acts downwards"
+            raise InputError("geometry.symmetry", symmetry, words)
 
     def _check_feed(self) -> None:
         """Solids need a feed and a feed needs solids; a hold-up lies below packing."""
@@ -259,6 +261,20 @@ def _changed(part: Parameters, keys: Iterable[str]) -> Iterable[tuple[str, Any]]
             yield from _changed(value, keys)
         elif key in keys and value != inner.default:
             yield key, value
+
+
+class Differentiable(Protocol):
+    """State of an answer that tells how its pressure gradient G depends on the scene's numbers."""
+
+    def adjoint(self) -> tuple[np.ndarray, np.ndarray]:
+        """Adjoint (v, w) of G: v on the unknowns that this rank owns, w on the constraints."""
+
+    def lagrangian(self, scene: Any, adjoint: tuple[np.ndarray, np.ndarray]) -> float:
+        """G - v.F - w.c of this state under the numbers of a neighbouring scene [Pa/m].
+
+        F is the residual and c are the constraints. The state stays as it is.
+        Raises InputError for a scene that differs in more than numbers.
+        """
 
 
 @dataclass

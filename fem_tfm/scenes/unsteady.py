@@ -36,6 +36,7 @@ from fem_tfm.parameters import parameter
 from fem_tfm.scenes import dense
 from fem_tfm.scenes.developed import describe
 from fem_tfm.scenes.kinds import Kind, register
+from fem_tfm.scenes.physics import Physics
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.samples import MEANS, Plane, Probes, Sections, Table, columns
 from fem_tfm.scenes.scene import Answer, Scene
@@ -57,21 +58,12 @@ BASE_MEMORY, CELL_MEMORY, CELL_TIME, SCALE_TIME = 220, 0.014, 8e-6, 0.6e-6
 FILES = (*dense.FILES, "probes.csv", "sections.csv", "plane.png")
 
 
-class DenseCells:
-    """What an unsteady scene of the two-fluid model tells of its mesh.
-
-    Attributes
-    ----------
-    section : the part of the section that is solved
-    resolution : of the mesh, with the wall cell that the law of the gas asks for
-    """
+class DenseCells(Physics):
+    """What an unsteady scene of the two-fluid model tells of its mesh."""
 
     def __init__(self, scene: Any) -> None:
-        self.scene = scene
-        self.section: Section = scene.geometry.section("half")
-        self.resolution: Resolution = scene.resolution
-        if scene.model.gas_wall.resolved:
-            self.resolution = self.resolution.with_wall_cell(self.section, scene.wall_offset)
+        super().__init__(scene)
+        self.resolution = dense.with_wall_cell(self)
 
     @property
     def line(self) -> tuple[Any, Section, Resolution]:
@@ -98,7 +90,7 @@ class Unsteady(Scene):
     """
 
     model: TwoFluid
-    numerics: TimeNumerics = parameter(doc="mesh and solver", key="numerics")
+    numerics: TimeNumerics = parameter(doc="mesh and solver")
     inlet: Inlet = parameter(doc="what enters a line", factory=Inlet)
     initial: Initial = parameter(doc="from where an unsteady flow starts", factory=Initial)
     solution: ClassVar[str] = "unsteady"
@@ -136,7 +128,7 @@ class Unsteady(Scene):
             diameter=self.geometry.hydraulic_diameter,
             wall_offset=self.wall_offset,
             grain_gap=model.grain_gap * (solids.diameter if solids else 0.0),
-            inlet_profile=inlet.profile or "power-law",
+            inlet_profile=inlet.profile,
             solids_intensity=inlet.solids_intensity,
             gas_intensity=inlet.gas_intensity,
             length_scale=inlet.length_scale,
@@ -484,7 +476,7 @@ register(
         TwoFluid,
         (Pipe, Duct, Bend),
         DenseCells,
-        {"numerics.cells": "quadrilateral", "inlet.profile": "power-law"},
+        {"numerics.cells": "quadrilateral"},
         (
             "output.stations",
             "numerics.alpha_diffusion",

@@ -91,7 +91,6 @@ class PseudoTime:
             kept.
         """
         control, history = self.control, History()
-        self.newton.saturate = control.saturate
         dt = min(first or control.first, control.largest)
         for _ in range(control.max_steps):
             dt = self._accepted_step(dt, history)
@@ -113,7 +112,7 @@ class PseudoTime:
         self._keep()
         self.idt.value = 1.0 / self.control.largest
         try:
-            self.newton.polish(self.control.tolerance)
+            self.newton.polish(self.control.tolerance, saturate=self.control.saturate)
         except LinearSolveError:
             self._restore()
 
@@ -133,7 +132,7 @@ class PseudoTime:
             return False
         self._keep()
         try:
-            change, update = self.newton.polish(tolerance)
+            change, update = self.newton.polish(tolerance, saturate=self.control.saturate)
         except LinearSolveError:
             change = update = math.inf
         row = {"dt": dt, "iterations": 1, "update": update, "change": change}
@@ -180,11 +179,11 @@ class PseudoTime:
         self._keep()
         self.idt.value = 1.0 / dt
         for iteration in range(1, control.max_iterations + 1):
-            update = self.newton.step()
+            update = self.newton.step(control.saturate)
             if update.length == 1.0 and update.rest <= control.loose:
                 rest = update.rest
                 if dt >= control.largest and rest > control.tolerance:
-                    rest = self.newton.polish(control.tolerance, rest)[1]
+                    rest = self.newton.polish(control.tolerance, rest, control.saturate)[1]
                 row = {"iterations": iteration, "update": rest, "change": update.size}
                 return {"dt": dt, **row}
         raise LinearSolveError(f"no convergence in {control.max_iterations} Newton iterations")

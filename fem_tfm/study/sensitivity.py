@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""How the pressure gradient of a developed section depends on the numbers of its case.
+"""How the pressure gradient of a scene that can tell, a developed section, depends on its numbers.
 
 One solve with the transposed Jacobian gives the derivatives with respect to all of them::
 
-    F(W, G, s; p) = 0, c(W; p) = 0   =>   dG/dp = -(v.dF/dp + w.dc/dp)
+    F(W, G, s; p) = 0, c(W; p) = 0   =>   dG/dp = dL/dp,   L = G - v.F - w.c
 
-(v, w) is the adjoint of G; dF/dp and dc/dp are central differences at a fixed state, which cost two
-assemblies each and no solve.
+(v, w) is the adjoint of G; dL/dp is a central difference at a fixed state, which costs two
+assemblies and no solve.
 """
 
 from __future__ import annotations
@@ -14,13 +14,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
-from mpi4py import MPI
-
 from fem_tfm.case import Case
 from fem_tfm.errors import InputError
-from fem_tfm.models.section import Section
-from fem_tfm.scenes.scene import Answer
+from fem_tfm.scenes.kinds import KINDS
+from fem_tfm.scenes.scene import Answer, Differentiable
 
 # step of the differences over the number itself
 STEP = 1e-4
@@ -52,31 +49,32 @@ class Sensitivity:
 
 
 def sensitivities(case: Case, answer: Answer, keys: Iterable[str]) -> list[Sensitivity]:
-    """Derivatives of G at the answer of a case, one for each key.
+    """Derivatives of G at the answer of a case, one for each key; the answer stays as it was.
 
-    answer : that of a developed section; it is left as it was
+    answer : as `case.scene.carry_out` or `solve` gives it, not closed
 
     Raises
     ------
     InputError
-        the scene is no developed section, a key does not stand for a number, or changes the mesh.
+        the scene has no sensitivities, a key does not stand for a number, or changes the mesh.
     LinearSolveError
         the Jacobian is singular.
     """
-    solution = getattr(answer.state, "solution", None)
-    if solution is None:
-        words = "'developed', for sensitivities are those of a developed section"
-        raise InputError("solution", case.scene.solution, words)
-    section, physics = solution.section, case.scene.physics
-    adjoint, found = section.newton.adjoint(0), []
-    gradient = physics.signs(section)["pressure_gradient"]
-    try:
-        for key in keys:
-            value = number(case, key)
-            slope = _slope(case, section, key, value, adjoint)
-            found.append(Sensitivity(key, value, slope, gradient))
-    finally:
-        section.update(physics.setup())
+    if not case.scene.differentiable:
+        words = " or ".join(
+            sorted({repr(k.scene.solution) for k in KINDS if k.scene.differentiable})
+        )
+        allowed = f"{words}, the solution that tells how it depends on its numbers"
+        raise InputError("solution", case.scene.solution, allowed)
+    state: Differentiable = answer.state
+    adjoint = state.adjoint()
+    gradient, found = answer.quantities["pressure_gradient"], []
+    for key in keys:
+        value = number(case, key)
+        step = STEP * (abs(value) or 1.0)
+        (low, below), (high, above) = (_beside(case, key, value, sign * step) for sign in (-1, 1))
+        change = state.lagrangian(above.scene, adjoint) - state.lagrangian(below.scene, adjoint)
+        found.append(Sensitivity(key, value, change / (high - low), gradient))
     return found
 
 
@@ -92,28 +90,6 @@ def number(case: Case, key: str) -> float:
     if isinstance(found, bool) or not isinstance(found, int | float):
         raise InputError(key, found, "a key at which the case has a number")
     return float(found)
-
-
-def _slope(
-    case: Case,
-    section: Section,
-    key: str,
-    value: float,
-    adjoint: tuple[np.ndarray, np.ndarray],
-) -> float:
-    step = STEP * (abs(value) or 1.0)
-    near = [_beside(case, key, value, sign * step) for sign in (-1, 1)]
-    defects, weights = [], []
-    for _, beside in near:
-        section.update(beside.scene.physics.setup())
-        residual = section.newton.assemble_residual().copy()
-        defects.append((residual, np.array(section.newton.constraint_errors())))
-        weights.append(beside.scene.physics.signs(section)["pressure_gradient"])
-    forms = section.mesh.mesh.comm.allreduce(
-        float(adjoint[0] @ (defects[1][0] - defects[0][0])), MPI.SUM
-    )
-    borders = float(adjoint[1] @ (defects[1][1] - defects[0][1]))
-    return (weights[1] - weights[0] - forms - borders) / (near[1][0] - near[0][0])
 
 
 def _beside(case: Case, key: str, value: float, step: float) -> tuple[float, Case]:

@@ -2,9 +2,9 @@
 """A case solved for every combination of varied values: one table and one picture.
 
 The points are visited in an order in which neighbours differ in one value and numbers rise or fall
-step by step, however they are given. Each scene may start from the answer of the one before; a
-developed section does where only numbers change. Every point is kept as it ends, so that a sweep
-that was stopped goes on.
+step by step, however they are given. Each point is offered the answer of the point before: a
+developed section goes on from it where only numbers change, other scenes start cold. Every point is
+written as it ends, so that a sweep that was stopped goes on.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from mpi4py import MPI
 from fem_tfm.case import Case, known_keys
 from fem_tfm.errors import InputError, SolverError
 from fem_tfm.output.files import on_root, write_text
-from fem_tfm.output.result import QUANTITIES
+from fem_tfm.output.result import QUANTITIES, Result
 from fem_tfm.progress import Progress
 from fem_tfm.scenes.recorder import Setting
 from fem_tfm.scenes.scene import Answer
@@ -91,30 +91,51 @@ class Sweep:
 class Plan:
     """What a sweep works on.
 
-    case, out : what is varied, and the directory of the table
+    case : what is varied
+    out : directory of the table; None keeps nothing
     keep : also keep a results directory a point
+    comm : ranks that share every point
     """
 
     case: Case
-    out: Path
+    out: Path | None = None
     keep: bool = False
+    comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_WORLD)
 
-    def place(self, point: Point) -> Path:
-        """Where a point is kept."""
-        return self.out / POINTS / f"{point.number}.json"
+    @property
+    def points(self) -> Path:
+        """Directory of the points."""
+        assert self.out is not None
+        return self.out / POINTS
 
-    def directory(self, point: Point) -> Path | None:
-        """Where the results of a point go, None if they are not kept."""
-        return self.out / POINTS / str(point.number) if self.keep else None
+    def setting(self, point: Point) -> Setting:
+        """Where and how a point is solved."""
+        place = self.points / str(point.number) if self.keep else None
+        return Setting(place, Progress(quiet=True), comm=self.comm)
+
+    def save(self, point: Point) -> None:
+        """Write a point that has ended."""
+        if self.out is not None:
+            text = json.dumps(asdict(point))
+            on_root(self.comm, lambda: write_text(self.points / f"{point.number}.json", text))
+
+    def load(self, point: Point) -> Point | None:
+        """What was written about a point; None if it has not ended."""
+        with suppress(OSError, ValueError, TypeError):
+            text = (self.points / f"{point.number}.json").read_text(encoding="utf-8")
+            found = Point(**json.loads(text))
+            return found if found.values == point.values else None
+        return None
 
 
 def run(
     case: Case,
     vary: Mapping[str, Sequence[Any]],
-    out: Path,
+    out: str | Path,
     jobs: int = 1,
     resume: bool = False,
     keep: bool = False,
+    comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> Sweep:
     """Solve every combination of the varied values and write the table and the picture to `out`.
 
@@ -123,6 +144,7 @@ def run(
 
     resume : take over the points that an older sweep of the same case has solved
     keep : keep a results directory a point, in `out`/points
+    comm : ranks that share every point
 
     Raises
     ------
@@ -130,54 +152,50 @@ def run(
         jobs above 1 under mpirun, a combination that is no valid case, or a sweep to resume that is
         one of another case.
     """
-    comm = MPI.COMM_WORLD
     if jobs > 1 and comm.size > 1:
         raise InputError("--jobs", jobs, "1 under mpirun, whose ranks share every point")
+    vary = {key: [_plain(value) for value in values] for key, values in vary.items()}
     points = [Point(i, values) for i, values in enumerate(combinations(vary))]
     for point in points:
         case.with_values(point.values)
-    plan = Plan(case, Path(out), keep)
-    known = _kept(plan, points) if resume else {}
-    on_root(comm, lambda: _prepare(plan, resume))
+    plan, began = Plan(case, Path(out), keep, comm), time.perf_counter()
+    known = comm.bcast(_known(plan, points) if resume else {})
+    on_root(comm, lambda: _prepare(plan, known))
     route = [points[i] for i in tour([in_line(values) for values in vary.values()])]
     parts = chunks([point for point in route if point.number not in known], jobs)
-    began, sweep = time.perf_counter(), Sweep(points, plan.out)
-
-    def tell(point: Point) -> None:
-        known[point.number] = point
-        sweep.points = [known.get(p.number, p) for p in points]
-        on_root(comm, lambda: _write(sweep, list(vary), case.scene.title))
-
-    solved = _in_processes(plan, parts) if len(parts) > 1 else told(solve(plan, sum(parts, [])))
-    for point in solved:
-        tell(point)
-    sweep.points = [known.get(p.number, p) for p in points]
-    on_root(comm, lambda: _write(sweep, list(vary), case.scene.title))
+    sweep = Sweep([known.get(point.number, point) for point in points], Path(out))
+    for point in _in_processes(plan, parts) if len(parts) > 1 else told(solve(plan, parts[0])):
+        sweep.points[point.number] = point
+        on_root(comm, lambda: _write_table(sweep, list(vary)))
+    on_root(comm, lambda: _write_table(sweep, list(vary)))
+    on_root(comm, lambda: _draw(sweep, list(vary), case.scene.title))
     _say(f"{time.perf_counter() - began:.1f} s in all")
     return sweep
 
 
-def _prepare(plan: Plan, resume: bool) -> None:
-    """Make the directory; what an older sweep has kept goes unless it is resumed."""
-    if not resume:
-        for path in (plan.out / POINTS).glob("*.json"):
+def _plain(value: Any) -> Any:
+    """A value as a Python number, where it is one of numpy."""
+    return value.item() if hasattr(value, "item") else value
+
+
+def _prepare(plan: Plan, known: Mapping[int, Point]) -> None:
+    """Make the directory; what an older sweep has written goes, but for the points that count."""
+    for path in plan.points.glob("*.json"):
+        if path.stem not in map(str, known):
             path.unlink()
+    assert plan.out is not None
     write_text(plan.out / CASE, plan.case.dump())
 
 
-def _kept(plan: Plan, points: Sequence[Point]) -> dict[int, Point]:
+def _known(plan: Plan, points: Sequence[Point]) -> dict[int, Point]:
     """Points that an older sweep of the same case has solved, by number."""
+    assert plan.out is not None
     place = plan.out / CASE
     stored = tomllib.loads(place.read_text(encoding="utf-8")) if place.exists() else None
     if stored != tomllib.loads(plan.case.dump()):
         raise InputError("--resume", str(plan.out), "the directory of a sweep of this very case")
-    found = {}
-    for point in points:
-        with suppress(OSError, ValueError, TypeError):
-            old = Point(**json.loads(plan.place(point).read_text(encoding="utf-8")))
-            if old.values == point.values and old.solved:
-                found[point.number] = old
-    return found
+    found = {point.number: plan.load(point) for point in points}
+    return {number: point for number, point in found.items() if point and point.solved}
 
 
 # -- order -------------------------------------------------------------------------------------
@@ -238,24 +256,24 @@ def solve(
     answer: Answer | None = None
     for point in route:
         cpu, changed = time.process_time(), plan.case.with_values(point.values)
-        directory = plan.directory(point)
         try:
-            setting = Setting(directory, Progress(quiet=True))
-            result, answer = changed.scene.carry_out(setting, answer, overwrite=True)
+            result, answer = changed.scene.carry_out(plan.setting(point), answer, overwrite=True)
             _take(point, result, answer)
         except SolverError as error:
-            answer, point.reason = None, str(error)
-        point.cpu_seconds = MPI.COMM_WORLD.allreduce(time.process_time() - cpu)
+            point.reason = str(error)
+            if answer is not None:
+                answer.close()
+            answer = None
+        point.cpu_seconds = plan.comm.allreduce(time.process_time() - cpu)
         if read is not None and answer is not None:
             read(changed, point, answer)
-        if MPI.COMM_WORLD.rank == 0 and plan.out.name:
-            write_text(plan.place(point), json.dumps(asdict(point)))
+        plan.save(point)
         yield point
     if answer is not None:
         answer.close()
 
 
-def _take(point: Point, result: Any, answer: Answer) -> None:
+def _take(point: Point, result: Result, answer: Answer) -> None:
     point.status, point.start = result.status, answer.start
     point.factorisations = answer.factorisations
     point.quantities = {name: quantity.value for name, quantity in result.quantities.items()}
@@ -291,9 +309,10 @@ def _in_processes(plan: Plan, parts: Sequence[Sequence[Point]]) -> Iterator[Poin
 def _arrived(plan: Plan, waiting: dict[int, Point]) -> Iterator[Point]:
     """Points that other processes have ended since the last look."""
     for point in list(waiting.values()):
-        with suppress(OSError, ValueError):
-            yield Point(**json.loads(plan.place(point).read_text(encoding="utf-8")))
+        found = plan.load(point)
+        if found is not None:
             del waiting[point.number]
+            yield found
 
 
 def _started(plan: Plan, part: Sequence[Point], task: Path) -> subprocess.Popen[bytes]:
@@ -358,7 +377,7 @@ def _unit(key: str) -> str:
 def rows(sweep: Sweep, keys: Sequence[str]) -> Iterator[list[Any]]:
     """Head and rows of the table; a failed point has empty quantities and its reason."""
     solved = [p for p in sweep.points if p.solved]
-    names = list(solved[0].quantities) if solved else []
+    names = list(dict.fromkeys(name for p in solved for name in p.quantities))
     told = units(keys)
     head = [f"{key} [{told[key]}]" if told[key] else key for key in keys]
     for name in names:
@@ -375,17 +394,21 @@ def _cell(value: float | None) -> str:
     return "" if value is None else f"{value:.10g}"
 
 
-def _write(sweep: Sweep, keys: Sequence[str], title: str) -> None:
-    """Write the table, and the picture of the points that were solved."""
-    from fem_tfm.output.pictures import sweep_picture
-
+def _write_table(sweep: Sweep, keys: Sequence[str]) -> None:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows(sweep, keys))
     write_text(sweep.directory / TABLE, text.getvalue())
+
+
+def _draw(sweep: Sweep, keys: Sequence[str], title: str) -> None:
+    """Draw what all points that were solved have."""
+    from fem_tfm.output.pictures import sweep_picture
+
     solved = [p for p in sweep.points if p.solved]
     if solved:
+        shared = [n for n in solved[0].quantities if all(n in p.quantities for p in solved)]
         columns = {key: [_shown(p.values[key]) for p in solved] for key in keys}
-        columns |= {name: [p.quantities[name] for p in solved] for name in solved[0].quantities}
+        columns |= {name: [p.quantities[name] for p in solved] for name in shared}
         sweep_picture(sweep.directory / PICTURE, columns, keys, units(keys), title)
 
 

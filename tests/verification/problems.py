@@ -20,11 +20,11 @@ from fem_tfm.fenics import compile_form
 from fem_tfm.geometry.mesh import Mesh, section_mesh
 from fem_tfm.models.two_fluid.forms import Domain, Stabilisation, State
 from fem_tfm.models.two_fluid.section import TwoFluidSection
-from fem_tfm.scenes.dense import SCHEME, setup_of, step_control
+from fem_tfm.scenes.dense import SCHEME, setup_of
 from fem_tfm.solvers.nested import QUIET, solve_level
 from fem_tfm.solvers.newton import BorderedNewton
 
-DEMO = Path(__file__).parents[2] / "demos" / "dense_pipe" / "case3.toml"
+DEMO = Path(__file__).parents[2] / "demos" / "dense_pipe" / "algebraic.toml"
 
 
 def demo(changes: Mapping[str, Any] | None = None) -> Case:
@@ -49,7 +49,7 @@ def section_of(case: Case, cell: float) -> TwoFluidSection:
 def solved(case: Case, cell: float) -> TwoFluidSection:
     """Section of a case at its steady state."""
     found = section_of(case, cell)
-    solve_level(found, step_control(found, 1e-10, 200), None, QUIET, SCHEME)
+    solve_level(found, SCHEME.control(found, 1e-10, 200), None, QUIET, SCHEME)
     return found
 
 

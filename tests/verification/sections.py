@@ -17,7 +17,7 @@ from fem_tfm.models.two_fluid.quantities import quantities as section_quantities
 from fem_tfm.scenes.recorder import Setting
 from fem_tfm.solvers import nested
 
-DEMO = "demos/dense_pipe/case3.toml"
+DEMO = "demos/dense_pipe/algebraic.toml"
 
 
 def solve(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, meshes: Any = None) -> nested.Solution:

@@ -147,7 +147,7 @@ def test_warm_start_is_cheap() -> None:
     case = BASE.with_values({"operation.gas_superficial_velocity": 6.56})
     cold, given = solve(case), solved()
     section = Section(given.section.mesh, case.scene.physics.setup())
-    control = dense.step_control(section, 1e-9, 200)
+    control = dense.SCHEME.control(section, 1e-9, 200)
     history = nested.solve_level(section, control, given.section, nested.QUIET, dense.SCHEME)
     assert history.update <= 1e-9
     assert float(section.drive.value) == pytest.approx(drive(cold), rel=1e-7)
@@ -158,7 +158,7 @@ def test_a_calm_flow_leads_to_the_same_answer() -> None:
     """From solids that the mesh's terms mix over the section, the branch ends at the cold G."""
     given = solved(numerics__level=1)
     section = Section(given.section.mesh, given.section.setup)
-    control = dense.step_control(section, 1e-9, 100)
+    control = dense.SCHEME.control(section, 1e-9, 100)
     section.ease(MeshTerms(rate=10**easing.CALMEST))
     initial.calm(section)
     easing.Calming(section, nested.march_of(section, nested.QUIET), control, Section.ease).run()
@@ -182,7 +182,7 @@ def test_a_calm_start_of_solids_that_the_wall_holds() -> None:
 def test_a_calm_flow_without_a_way_on_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     given = solved(numerics__level=1)
     section = Section(given.section.mesh, given.section.setup)
-    control = dense.step_control(section, 1e-9, 100)
+    control = dense.SCHEME.control(section, 1e-9, 100)
     section.ease(MeshTerms(rate=10**easing.CALMEST))
     initial.calm(section)
     monkeypatch.setattr(easing, "MOST_POINTS", 2)

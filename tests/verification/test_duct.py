@@ -154,7 +154,7 @@ def test_numbers_change_without_new_forms() -> None:
     faster = {"numerics__mesh_size": 0.06, "operation__gas_superficial_velocity": 26.0}
     section = solve(case(numerics__mesh_size=0.06)).section
     section.update(case(**faster).scene.physics.setup())
-    control = duct.step_control(section, 1e-9, 50)
+    control = duct.SCHEME.control(section, 1e-9, 50)
     nested.march_of(section, nested.QUIET)(control).run(first=control.largest)
     expected = told(**faster)
     for name, value in duct.quantities(section, 1.2, 16.0).items():

@@ -375,7 +375,7 @@ def test_grains_that_take_all_turbulence_of_a_bed() -> None:
     """
     case = stress.cases(turbulent=True)[140]
     found = Section(case.scene.physics.meshes()[0](), setup_of(case.scene))
-    control = dense.step_control(found, 1e-9, case["numerics.max_steps"])
+    control = dense.SCHEME.control(found, 1e-9, case["numerics.max_steps"])
     scheme = replace(dense.SCHEME, ease=None)
     history = nested.solve_level(found, control, None, nested.QUIET, scheme)
     assert history.update <= 1e-9

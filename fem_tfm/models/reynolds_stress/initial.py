@@ -25,7 +25,7 @@ class _LogLayers:
         self.radius = self.geometry.hydraulic_diameter / 2
         self.nu = setup.numbers.viscosity
         self.layer = setup.law.log_layer()
-        self.u_tau = friction_velocity(setup.velocity, 2 * self.radius, self.nu)
+        self.u_tau = friction_velocity(setup.gas_velocity, 2 * self.radius, self.nu)
         self.function = setup.function
         self.scale = 1.0
 
@@ -97,7 +97,7 @@ def enter(section: ReynoldsStressSection, intensity: float, length: float) -> No
 
     k = 3/2 (intensity U)^2 and eps = 0.09^(3/4) k^(3/2)/length, as for the dense flow's inlet.
     """
-    speed, values = section.setup.velocity, section.now.x.array
+    speed, values = section.setup.gas_velocity, section.now.x.array
     k = 1.5 * (intensity * speed) ** 2
     eps = 0.09**0.75 * k**1.5 / length
     values[:] = 0.0

@@ -122,7 +122,11 @@ class ReynoldsStressLine(Line):
         """One row of the table."""
         station, inlet = self.station, not self.rows
         setup, geometry = station.setup, station.mesh.section
-        width, speed, drive = geometry.hydraulic_diameter, setup.velocity, station.pressure_gradient
+        width, speed, drive = (
+            geometry.hydraulic_diameter,
+            setup.gas_velocity,
+            station.pressure_gradient,
+        )
         transported = setup.law.transported
         sampled = [station.unknown(name) for name in ("u", "r" if transported else "q")]
         u, r = (values[0] for values in point_values(sampled, np.zeros((1, 2))))

@@ -70,6 +70,8 @@ class ReynoldsStress(Parameters):
         None, doc="heat from the walls; without the table there is none", key="heat"
     )
     flow: ClassVar[str] = "duct"
+    # smallest part of a section that stands for the whole
+    symmetry: ClassVar[str] = "quarter"
     solids: ClassVar[None] = None
 
     def laws(self) -> Iterator[Closure]:

@@ -43,7 +43,7 @@ def secondary(found: ReynoldsStressSection) -> float:
     """Largest velocity across the axis over the bulk velocity [-]."""
     u = found.unknown("u").x.array.reshape(-1, 3)
     peak = float(np.hypot(u[:, 0], u[:, 1]).max(initial=0.0))
-    return found.mesh.mesh.comm.allreduce(peak, MPI.MAX) / found.setup.velocity
+    return found.mesh.mesh.comm.allreduce(peak, MPI.MAX) / found.setup.gas_velocity
 
 
 def corner(found: ReynoldsStressSection) -> tuple[float, float]:
@@ -58,7 +58,7 @@ def corner(found: ReynoldsStressSection) -> tuple[float, float]:
 def quantities(found: ReynoldsStressSection, density: float, length: float) -> dict[str, float]:
     """Numbers of a developed section, in the units of `QUANTITIES`; whole section."""
     setup, geometry = found.setup, found.mesh.section
-    width, speed = geometry.hydraulic_diameter, setup.velocity
+    width, speed = geometry.hydraulic_diameter, setup.gas_velocity
     gradient = density * found.pressure_gradient
     u_tau = math.sqrt(found.pressure_gradient * width / 4)
     lines = profiles(found)
@@ -100,8 +100,8 @@ def profiles(found: ReynoldsStressSection) -> dict[str, NDArray[np.float64]]:
     u, k, r = at(s * across, 0 * s)
     columns = {
         "s": s,
-        "bisector u_z/U": u[:, 2] / setup.velocity,
-        "bisector outward/U": u[:, 0] / setup.velocity,
+        "bisector u_z/U": u[:, 2] / setup.gas_velocity,
+        "bisector outward/U": u[:, 0] / setup.gas_velocity,
         "bisector k/u_tau2": k / u_tau2,
         "bisector (R_yy - R_xx)/u_tau2": (r[:, 4] - r[:, 0]) / u_tau2,
         "bisector R_xz/u_tau2": r[:, 2] / u_tau2,
@@ -111,8 +111,8 @@ def profiles(found: ReynoldsStressSection) -> dict[str, NDArray[np.float64]]:
     u, k, r = at(s * across, s * up)
     direction = np.array([across, up]) / math.hypot(across, up)
     columns |= {
-        "diagonal u_z/U": u[:, 2] / setup.velocity,
-        "diagonal outward/U": u[:, :2] @ direction / setup.velocity,
+        "diagonal u_z/U": u[:, 2] / setup.gas_velocity,
+        "diagonal outward/U": u[:, :2] @ direction / setup.gas_velocity,
         "diagonal k/u_tau2": k / u_tau2,
         "diagonal (R_yy - R_xx)/u_tau2": (r[:, 4] - r[:, 0]) / u_tau2,
     }
@@ -122,8 +122,8 @@ def profiles(found: ReynoldsStressSection) -> dict[str, NDArray[np.float64]]:
     mean = found.wall_force() / found.wall_length()
     return columns | {
         "wall shear/mean": shear / mean,
-        "wall u_z/U": u[:, 2] / setup.velocity,
-        "wall along/U": u[:, 0] / setup.velocity,
+        "wall u_z/U": u[:, 2] / setup.gas_velocity,
+        "wall along/U": u[:, 0] / setup.gas_velocity,
     }
 
 

@@ -44,13 +44,13 @@ ROUND_OFF = 1e-9
 class Setup:
     """Numbers of one problem (SI), free of meshes and forms; the laws are resolved.
 
-    velocity : bulk velocity U [m/s]
+    gas_velocity : bulk velocity U [m/s]
     """
 
     law: StressLaw
     function: WallFunction
     numbers: GasNumbers
-    velocity: float
+    gas_velocity: float
     quadrature_degree: int = 5
 
     @property
@@ -185,11 +185,11 @@ class ReynoldsStressSection(section.Section):
         geometry = self.mesh.section
         if self.develops:
             return [0.0]
-        return [self.setup.velocity * geometry.area / geometry.area_factor]
+        return [self.setup.gas_velocity * geometry.area / geometry.area_factor]
 
     def blocks(self) -> list[Block]:
         """Sizes of the unknowns, from the scales of the problem."""
-        speed = self.setup.velocity
+        speed = self.setup.gas_velocity
         stress = STRESS * speed**2
         scales = {
             "u": (SPEED * speed,),

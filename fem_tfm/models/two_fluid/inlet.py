@@ -46,7 +46,7 @@ def enter(section: Section, inlet: Inlet, solids: tuple[float, float] | None) ->
     section.now.x.scatter_forward()
 
 
-def _shape(section: Section, profile: str | None) -> fem.Function:
+def _shape(section: Section, profile: str) -> fem.Function:
     """Axial profile at the nodes of the velocity, not yet scaled [-]."""
     space = fem.functionspace(section.mesh.mesh, ("Lagrange", 2))
     shape = fem.Function(space)

@@ -31,6 +31,15 @@ SUBLAYER_PLUS, SLOWEST = 2.0, 4e3
 FOUR_EQUATION = "realizable-4eq"
 
 
+class _Unstated(str):
+    """Name of a default law, told apart from the same name given by the user."""
+
+    __slots__ = ()
+
+
+UNSTATED = _Unstated("none")
+
+
 @dataclass(frozen=True)
 class SectionTerms(Parameters):
     """Small stated terms of a two-fluid section, without which its mesh carries no front."""
@@ -80,7 +89,7 @@ class TwoFluid(Parameters):
         "turbulence", "mixing-length", "turbulence of the gas", "closures.turbulence"
     )
     dispersed: Dispersed = law(
-        "dispersed", "none", "turbulence of the solids", "closures.dispersed"
+        "dispersed", UNSTATED, "turbulence of the solids", "closures.dispersed"
     )
     dispersion: Dispersion = law(
         "dispersion", "none", "turbulent dispersion of the solids", "closures.dispersion"
@@ -114,11 +123,13 @@ class TwoFluid(Parameters):
         doc="small terms of a section's mesh", factory=SectionTerms
     )
     flow: ClassVar[str] = "dense"
+    # smallest part of a section that stands for the whole: gravity leaves the vertical plane
+    symmetry: ClassVar[str] = "half"
 
     def __post_init__(self) -> None:
         if self.turbulence == FOUR_EQUATION:
             object.__setattr__(self, "turbulence", "realizable")
-            if self.dispersed == "none":
+            if isinstance(self.dispersed, _Unstated):
                 object.__setattr__(self, "dispersed", "k-epsilon")
         super().__post_init__()
         self._check_turbulence()
