@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from types import SimpleNamespace
 from typing import Any
@@ -17,14 +17,21 @@ import ufl
 from dolfinx import fem
 
 from fem_tfm import Case
+from fem_tfm.closures.turbulence.gas import Eddies
 from fem_tfm.fenics import compile_form
 from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow, UnsteadyProblem, forms, fraction
 from fem_tfm.models.finite_volume.cells import transport
 from fem_tfm.models.finite_volume.cells.facets import PARTS, Face, FacetForms
 from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.mesh import Array
-from fem_tfm.models.finite_volume.state import SMALLEST_THETA, Density, Sources
-from fem_tfm.models.pointwise import Pointwise, Regularisation
+from fem_tfm.models.finite_volume.state import (
+    SMALLEST_FRACTION,
+    SMALLEST_THETA,
+    Density,
+    Sources,
+    State,
+)
+from fem_tfm.models.pointwise import VOID_FRACTION, Deformation, Pointwise, Regularisation
 
 # largest difference over the largest entry
 CLOSE = 1e-12
@@ -143,6 +150,8 @@ class Observed:
             for part in (flow.temperature, flow.turbulence):
                 if part:
                     recorder.watch(patch, part.transport, "solve")
+            if flow.turbulence:
+                recorder.watch(patch, flow.turbulence, "coefficients", "eddies")
             recorder.watch(patch, flow.pressure, "project", "pressure")
             recorder.watch(patch, flow.laws, "solids_pressure")
             for module in (fraction, transport):
@@ -202,7 +211,7 @@ def point_of(problem: UnsteadyProblem) -> Pointwise:
     """The laws of a problem at a point."""
     scales = problem.gas_velocity, problem.diameter, problem.solids, SMALLEST_THETA
     gap = problem.grain_gap / problem.solids.diameter
-    floors = Regularisation.scaled(*scales, gap)
+    floors = Regularisation.scaled(*scales, gap, void_fraction=VOID_FRACTION)
     return Pointwise(problem.gas, problem.solids, problem.closures, floors, problem.diameter)
 
 
@@ -645,3 +654,101 @@ def test_viscosity_of_a_mixing_length_is_that_of_the_law_in_ufl(shape: str, kind
         found.append(on.cell_values(forms.gas_viscosity(step.point, gradient, step.profile)))
     viscosity = levels.extrapolate(*found) if levels.previous else found[0]
     assert_close((1 - given.at.alpha) * viscosity, gas.viscosity)
+
+
+def test_corrections_of_the_momentum_are_those_of_the_forms(step: Observed) -> None:
+    on, point, cells = step.on, step.point, step.cells
+    given, phases = step.call("momentum: phases")
+    levels, volume = forms.level_fields(on, given.levels), on.cell(cells.volume)
+    void, inner = 1 - given.at.alpha, slice(0, cells.inner_count)
+    viscosity = phases[1].viscosity - void * point.gas.viscosity
+    lagging = phases[0].bulk_viscosity, np.maximum(viscosity, 0.0)
+    masses = (
+        point.solids.density * np.maximum(given.start.alpha, SMALLEST_FRACTION),
+        void * point.gas.density,
+    )
+    for phase, viscosity, mass in zip(phases, lagging, masses, strict=True):
+        if phase.implicit_correction is not None:
+            span = levels.span_faces
+            args = on.cell(viscosity), on.cell(mass), volume, span
+            found = on.values(forms.implicit_correction(on, *args)) * cells.face_area
+            assert_close(found[inner], phase.implicit_correction[inner])
+    if phases[1].dispersion_force is not None:
+        alpha = on.cell(given.at.alpha)
+        force = forms.dispersion_force(on, on.cell(given.coefficients.dispersion), alpha)
+        found = on.values(force)
+        assert_close(found, phases[1].dispersion_force)
+        assert_close(-found, phases[0].dispersion_force)
+
+
+# -- turbulence of a state ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", TURBULENT)
+def test_turbulence_of_a_state_is_that_of_the_laws_in_ufl(shape: str, kind: str) -> None:
+    step = observed(shape, kind)
+    on, cells, line, point = step.on, step.cells, step.line, step.local_point
+    given, found = step.call("eddies")
+    at, (height, slope) = on.fields(given.levels.predicted), step.profile
+    eddies = wall_eddies_of(step, at, given.levels.predicted)
+    gas = point.gas_eddies(eddies)
+    of_solids = None
+    if "k_s" in found.rate:
+        gradient = mirrored_gradient(step, cells.gradient(given.levels.predicted.u_s))
+        scales = at.scales["k_s"], at.scales["eps_s"]
+        distance = on.cell(line.wall_distance)
+        of_solids = point.eddies(Deformation(gradient), distance, 1.0, *scales)
+    crowding = on.cell(cells.gradient(given.levels.predicted.alpha))
+    size = on.cell(cells.volume ** (1 / 3))
+    grains = forms.dispersed_solids(point, at, crowding, size, height, of_solids)
+    law = point.closures.dispersed
+    nu_s = law.viscosity(gas, grains)
+    wanted = {"mu_t": found.mu_t, "nu_s": found.nu_s}
+    values = {"mu_t": gas.nu * point.gas.density, "nu_s": nu_s}
+    if found.dispersion is not None:
+        values["dispersion"] = point.dispersion(gas, grains, nu_s)
+        values["drag"] = grains.specific * grains.alpha
+        wanted |= {"dispersion": found.dispersion, "drag": found.drag}
+    balances = point.gas_balances(eddies, gas, grains) | law.balances(gas, grains)
+    for logarithm, balance in balances.items():
+        name = logarithm.removeprefix("ln_")
+        stretch = 1.0 if name.endswith("_s") else slope
+        values[f"rate {name}"] = balance.rate * stretch
+        values[f"diffusivity {name}"] = balance.diffusivity / stretch
+        wanted |= {
+            f"rate {name}": found.rate[name],
+            f"diffusivity {name}": found.diffusivity[name],
+        }
+    names = list(wanted)
+    for i in range(0, len(names), 3):
+        chosen = (names[i : i + 3] * 3)[:3]
+        together = on.cell_values(ufl.as_vector([values[name] for name in chosen]))
+        for k, name in enumerate(chosen):
+            assert_close(together[:, k], np.broadcast_to(wanted[name], cells.count))
+
+
+def mirrored_gradient(step: Observed, gradient: Array) -> Any:
+    """Gradient of a velocity beside planes of symmetry, in UFL."""
+    on = step.on
+    lost = on.assembled(forms.mirrored(on, on.cell(gradient), ufl.TestFunction(on.tensors)))
+    return on.cell(gradient - lost.reshape(-1, 3, 3))
+
+
+def wall_eddies_of(step: Observed, at: SimpleNamespace, predicted: State) -> Eddies:
+    """Eddies of the gas, in cells of the wall with its traction."""
+    on, line, point = step.on, step.line, step.local_point
+    gradient = mirrored_gradient(step, step.cells.gradient(predicted.u_g))
+    scales = at.scales["k"], at.scales["eps"]
+    eddies = point.eddies(Deformation(gradient), *step.profile, *scales)
+    height = on.face(on.on_part("wall", line.wall_height)).edge
+    friction = forms.gas_wall(on, point, 1.0, at.u_g, height, at.scales["k"])
+    w = ufl.TestFunction(on.scalars)
+    squares = on.assembled(forms.wall_tractions(on, friction, at.u_g, point, w))
+    traction = on.cell(np.sqrt(squares))
+    strain = on.cell(on.cell_values(eddies.strain))
+    spin, slope = (on.cell(on.cell_values(value)) for value in (eddies.spin, eddies.A_s))
+    eddies = replace(eddies, strain=strain, spin=spin, A_s=slope)
+    inner = forms.wall_eddies(point, eddies, traction)
+    strain = ufl.conditional(ufl.gt(traction, 0), inner.strain, strain)
+    strain = on.cell(on.cell_values(strain))
+    return replace(eddies, strain=strain, spin=spin * strain / eddies.strain)

@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 import ufl
 
+from fem_tfm.closures.turbulence.dispersed import Grains
+from fem_tfm.closures.turbulence.gas import Eddies
 from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.models.finite_volume.cells.facets import PARTS, Face, FacetForms, larger
 from fem_tfm.models.finite_volume.cells.line import LineMesh
@@ -188,6 +190,74 @@ def gas_wall(on: FacetForms, point: Pointwise, void: Any, u: Any, height: Any, k
     """Friction c of the traction -c u of a wall on the gas [Pa s/m]."""
     slip = point.speed(tangential(u, on.normal.edge))
     return void * point.gas_wall_friction(slip, height, k)
+
+
+# -- turbulence of a state ------------------------------------------------------------------------
+
+
+def mirrored(on: FacetForms, gradient: Any, v: Any) -> ufl.Form:
+    """What the gradient of a velocity loses beside planes of symmetry, a tensor of each cell [1/s].
+
+    Half of the slope (grad u) n of what runs along the plane: the gradient half a cell further in.
+    """
+    n = on.normal.edge
+    slope = tangential(ufl.dot(gradient, n), n) / 2
+    return ufl.inner(ufl.outer(slope, n), v) / on.face_area.edge * on.ds("symmetry")
+
+
+def wall_tractions(on: FacetForms, friction: Any, u: Any, point: Pointwise, w: Any) -> ufl.Form:
+    """Sum of the squares of the tractions c |u_t| of a wall on each cell [Pa2]."""
+    traction = friction * point.speed(tangential(u, on.normal.edge))
+    return traction**2 / on.face_area.edge * w * on.ds("wall")
+
+
+def wall_eddies(point: Pointwise, eddies: Eddies, traction: Any) -> Eddies:
+    """Eddies of a cell at a wall, whose shear S knows of the wall's traction.
+
+        S = min(S_w/2 + S_g, max(S_w, S_g)),   traction = (mu + mu_t(S_w)) S_w
+
+    S_g is that of the gradient; S_w is found by two iterations from it and Aitken's extrapolation.
+    """
+    gradient = eddies.strain
+
+    def sheared(strain: Any) -> Any:
+        inner = _strained(eddies, strain)
+        return traction / (point.gas.viscosity + point.closures.turbulence.viscosity(inner))
+
+    one = sheared(gradient)
+    two = sheared(one)
+    change = one - gradient
+    change = ufl.conditional(ufl.gt(abs(change), SMALLEST_CHANGE), change, 1)
+    ratio = ufl.min_value((two - one) / change, 0.9)
+    wall = one + (two - one) / (1 - ratio)
+    return _strained(eddies, ufl.min_value(wall / 2 + gradient, ufl.max_value(wall, gradient)))
+
+
+def _strained(eddies: Eddies, strain: Any) -> Eddies:
+    """The same eddies at another shear, which turns as much more as it strains."""
+    spin = eddies.spin * strain / eddies.strain
+    return dataclasses.replace(eddies, strain=strain, spin=spin)
+
+
+def dispersed_solids(
+    point: Pointwise,
+    at: SimpleNamespace,
+    crowding: Any,
+    size: Any,
+    height: Any,
+    eddies: Eddies | None,
+) -> Grains:
+    """What the laws of dispersed turbulence see of the solids of a state.
+
+    crowding : grad(alpha_s), which is no steeper than alpha_s over half the `size` of a cell [1/m]
+    """
+    alpha, slip = present(at.alpha), at.u_g - at.u_s
+    g0, kinetic = point.kinetic(alpha, at.theta)
+    steep = ufl.sqrt(alpha**2 + ufl.dot(crowding, crowding) * size**2 / 4)
+    drift = -ufl.dot(slip, crowding) / steep
+    speed = point.speed(slip)
+    viscosity = kinetic.shear_viscosity
+    return point.grains(alpha, at.theta, g0, viscosity, speed, height, drift, eddies)
 
 
 # -- solids fraction ------------------------------------------------------------------------------
@@ -453,6 +523,24 @@ def viscous_force(
     lateral = (phase.bulk_viscosity - 2 / 3 * phase.viscosity) * along
     found = on.out(stress, w)
     return found + lateral * ufl.dot(n.edge, w) * on.ds(*IMPERMEABLE)
+
+
+def implicit_correction(on: FacetForms, viscosity: Any, mass: Any, volume: Any, span: Face) -> Face:
+    """What the operator of the momentum holds of a stress that lags a step behind [kg/m2/s].
+
+        D^2/(D + min(m V)/dt),   D = mean(viscosity) |S|^2/(S.d)
+
+    viscosity : of that stress [Pa s]; mass : of the phase [kg/m3]
+    """
+    lagging = (on.mean(viscosity) * on.weight * on.face_area).inner
+    held = mass * volume
+    inertia = ufl.min_value(held("+"), held("-")) / span.inner
+    return Face(lagging**2 / (lagging + inertia) / on.face_area.inner, 0)
+
+
+def dispersion_force(on: FacetForms, dispersion: Any, alpha: Any) -> Face:
+    """Force on the gas by which eddies spread the solids, mean(c) rise(alpha_s)/(n.d) [N/m3]."""
+    return on.mean(dispersion) * on.rise(alpha) * on.weight
 
 
 # -- forces on faces ------------------------------------------------------------------------------

@@ -97,7 +97,8 @@ class FacetForms:
     Attributes
     ----------
     dx, dS : measures of cells and of inner facets
-    scalars, vectors, fluxes : spaces of one value a cell, of one vector a cell, of fluxes of faces
+    scalars, vectors, tensors : spaces of one value, vector or tensor a cell
+    fluxes : space of the fluxes of faces
     normal, delta, distance, weight : n, d, n.d and 1/(n.d) on faces
     face_area : |S|, for what is not an integral
     """
@@ -107,7 +108,7 @@ class FacetForms:
         domain = self.domain
         shapes: tuple[tuple[int, ...], ...] = ((), (3,), (3, 3))
         self._spaces = [fem.functionspace(domain, ("DG", 0, shape)) for shape in shapes]
-        self.scalars, self.vectors, _ = self._spaces
+        self.scalars, self.vectors, self.tensors = self._spaces
         self.fluxes = fem.functionspace(domain, basix.ufl.element("RT", domain.basix_cell(), 1))
         middle = {"quadrature_degree": 1}
         self.dx = ufl.Measure("dx", domain, metadata={"quadrature_degree": 2})
@@ -203,8 +204,10 @@ class FacetForms:
 
     def cell_values(self, value: Any) -> Array:
         """Values of an expression of DG0 functions in the owned cells."""
-        w = ufl.TestFunction(self.scalars)
-        return self.assembled(value * w * self.dx) / self.cells.volume[: self.cells.owned]
+        w = ufl.TestFunction(self.vectors if value.ufl_shape else self.scalars)
+        volume = self.cells.volume[: self.cells.owned]
+        found = self.assembled(ufl.inner(value, w) * self.dx)
+        return found / volume.reshape(-1, *(1,) * (found.ndim - 1))
 
     def values(self, face: Face, *parts: str) -> Array:
         """Values of an expression on inner faces and parts of the boundary, all without a name.
