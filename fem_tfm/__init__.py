@@ -3,14 +3,20 @@
 
 In Python::
 
-    from fem_tfm import Case
+    import fem_tfm as ft
 
-    result = Case.load("demos/dense_pipe/case3.toml").run()
-    result["pressure_gradient"]
+    pipe = ft.Pipe(diameter=0.010, length=2.4)
+    coal = ft.Solids(density=1700, diameter=1.6e-4)
+    model = ft.TwoFluid(ft.Gas(density=33.5, viscosity=1.8e-5), coal, friction=ft.laws.Dartevelle())
+    answer = ft.Developed(model, pipe, ft.Feed(6.43, solids_mass_flow=0.194)).run()
+    answer["pressure_gradient"], answer.fields["alpha_s"]
+
+    ft.load("demos/dense_pipe/case3.toml").run()     # TOML builds the same objects
 """
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 from typing import TYPE_CHECKING, Any
 
@@ -19,21 +25,100 @@ if importlib.util.find_spec("dolfinx_solver") is not None:
     import dolfinx_solver  # noqa: F401
 
 if TYPE_CHECKING:
-    from fem_tfm.case import Case
+    from fem_tfm import laws
+    from fem_tfm.case import Case, load
+    from fem_tfm.errors import InputError, SolverError
+    from fem_tfm.geometry.resolution import Resolution
+    from fem_tfm.geometry.shapes import Bend, Duct, Pipe
+    from fem_tfm.materials import Gas, Solids
+    from fem_tfm.models.reynolds_stress.model import Heat, ReynoldsStress
+    from fem_tfm.models.two_fluid.model import SectionTerms, TwoFluid
+    from fem_tfm.operation import Feed, Initial, Inlet
     from fem_tfm.output.result import Result
+    from fem_tfm.scenes.developed import Developed
+    from fem_tfm.scenes.developing import Developing
+    from fem_tfm.scenes.statement import (
+        MarchNumerics,
+        Output,
+        Reference,
+        SteadyNumerics,
+        TimeNumerics,
+    )
+    from fem_tfm.scenes.unsteady import Unsteady
 
 __version__ = "0.1.0"
-__all__ = ["Case", "Result", "__version__"]
+# public names and the modules that hold them; a name is loaded when it is first used
+_HOMES = {
+    "Bend": "geometry.shapes",
+    "Case": "case",
+    "Developed": "scenes.developed",
+    "Developing": "scenes.developing",
+    "Duct": "geometry.shapes",
+    "Feed": "operation",
+    "Gas": "materials",
+    "Heat": "models.reynolds_stress.model",
+    "Initial": "operation",
+    "Inlet": "operation",
+    "InputError": "errors",
+    "MarchNumerics": "scenes.statement",
+    "Output": "scenes.statement",
+    "Pipe": "geometry.shapes",
+    "Reference": "scenes.statement",
+    "SectionTerms": "models.two_fluid.model",
+    "Resolution": "geometry.resolution",
+    "Result": "output.result",
+    "ReynoldsStress": "models.reynolds_stress.model",
+    "Solids": "materials",
+    "SolverError": "errors",
+    "SteadyNumerics": "scenes.statement",
+    "TimeNumerics": "scenes.statement",
+    "TwoFluid": "models.two_fluid.model",
+    "Unsteady": "scenes.unsteady",
+    "load": "case",
+}
+__all__ = [
+    "Bend",
+    "Case",
+    "Developed",
+    "Developing",
+    "Duct",
+    "Feed",
+    "Gas",
+    "Heat",
+    "Initial",
+    "Inlet",
+    "InputError",
+    "MarchNumerics",
+    "Output",
+    "Pipe",
+    "Reference",
+    "Resolution",
+    "Result",
+    "ReynoldsStress",
+    "SectionTerms",
+    "Solids",
+    "SolverError",
+    "SteadyNumerics",
+    "TimeNumerics",
+    "TwoFluid",
+    "Unsteady",
+    "__version__",
+    "laws",
+    "load",
+]
 
 
 def __getattr__(name: str) -> Any:
-    """Load Case and Result when they are first used, so that closures import quickly."""
-    if name == "Case":
-        from fem_tfm.case import Case
-
-        return Case
-    if name == "Result":
-        from fem_tfm.output.result import Result
-
-        return Result
+    """Load a public name when it is first used, so that what is not needed costs nothing."""
+    if name == "laws":
+        return importlib.import_module("fem_tfm.laws")
+    if name in _HOMES:
+        if name.startswith("Develop") or name == "Unsteady":
+            # a scene must know all kinds, to say which one reads a key
+            importlib.import_module("fem_tfm.scenes")
+        return getattr(importlib.import_module(f"fem_tfm.{_HOMES[name]}"), name)
     raise AttributeError(f"module 'fem_tfm' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -24,7 +24,8 @@ from mpi4py import MPI
 
 import fem_tfm
 from fem_tfm import signals
-from fem_tfm.case import Case, parse_value, results_directory
+from fem_tfm.case import Case
+from fem_tfm.case.edit import parse_value
 from fem_tfm.errors import FemTfmError, InputError, SolverError
 
 DONE, CRASHED, BAD_INPUT, NOT_SOLVED, INTERRUPTED = 0, 1, 2, 3, 130
@@ -123,9 +124,7 @@ def check(options: argparse.Namespace) -> None:
     """Tell what would be solved, and what it would take."""
     case = Case.load(options.case, options.set)
 
-    from fem_tfm.flows import describe
-
-    _say(*_listing(describe(case)))
+    _say(*_listing(case.scene.describe()))
 
 
 def mesh(options: argparse.Namespace) -> None:
@@ -134,9 +133,9 @@ def mesh(options: argparse.Namespace) -> None:
     if Path(options.out).exists() and not options.overwrite:
         raise InputError("--out", options.out, "a new file, or --overwrite")
 
-    from fem_tfm.mesh import write_case_mesh
+    from fem_tfm.geometry.files import write_mesh
 
-    write_case_mesh(case, options.out)
+    write_mesh(case.scene.mesh_model(), options.out, MPI.COMM_WORLD)
     _say(f"mesh written to {options.out}")
 
 
@@ -168,9 +167,11 @@ def sweep(options: argparse.Namespace) -> int:
     # every combination is tried before the first run, so that a late one cannot spoil the study
     for values in itertools.product(*vary.values()):
         case.with_values(dict(zip(vary, values, strict=True)))
+    from fem_tfm.scenes.recorder import results_directory
+
     out = results_directory(options.out or f"{_results(options.case)}-sweep", options.overwrite)
 
-    from fem_tfm import sweep as study
+    from fem_tfm.study import sweep as study
 
     found = study.run(case, vary, out, options.jobs)
     _say(found)

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import meshio
 import pytest
 from mpi4py import MPI
 
@@ -233,6 +234,17 @@ def test_help_names_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
     out, _ = capsys.readouterr()
     verbs = ("run", "check", "mesh", "models", "sweep", "bench")
     assert all((f"\n    {verb} " in out) == (RANK == 0) for verb in verbs)
+
+
+def test_mesh_writes_the_section_or_the_line(here: Path) -> None:
+    line = ["solution='unsteady'", "numerics.end_time=1.0", "numerics.axial_cells=2"]
+    line += ["operation.solids_velocity=6.0", "numerics.cells=quadrilateral"]
+    coarse = ["good.toml", "--set", "numerics.level=1"]
+    more = [text for setting in line for text in ("--set", setting)]
+    assert main(["mesh", *coarse, "--out", "section.vtu"]) == 0
+    assert main(["mesh", *coarse, *more, "--out", "line.vtu"]) == 0
+    cells = [meshio.read(here / f"{name}.vtu").cells_dict for name in ("section", "line")]
+    assert (len(cells[0]["triangle6"]), len(cells[1]["hexahedron"])) == (80, 2 * 40)
 
 
 @pytest.mark.parametrize("verb", ["run", "check", "mesh", "models", "sweep", "bench"])

@@ -10,8 +10,9 @@ import pytest
 from fem_tfm.case import Case
 from fem_tfm.correlations import friction_velocity
 from fem_tfm.flows import describe
+from fem_tfm.flows.case_geometry import resolution_of
 from fem_tfm.flows.dense import advice, mesh_sizes
-from fem_tfm.mesh import WALL_RATIO, resolution_of
+from fem_tfm.geometry.resolution import WALL_RATIO
 
 
 @pytest.fixture
@@ -66,5 +67,5 @@ def test_a_resolved_wall_chooses_its_distance_and_cells(demo: Case) -> None:
     unit = viscosity / friction_velocity(6.43, 0.01, viscosity)
     assert case.wall_distance == pytest.approx(2 * unit)
     core = mesh_sizes(case)[-1]
-    assert resolution_of(case)["wall_ratio"] * core == pytest.approx(2 * unit)
-    assert resolution_of(demo)["wall_ratio"] == WALL_RATIO
+    assert resolution_of(case).wall_ratio * core == pytest.approx(2 * unit)
+    assert resolution_of(demo).wall_ratio == WALL_RATIO

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,12 +12,22 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from fem_tfm.errors import InputError, SolverError
+from fem_tfm.geometry.mesh import Mesh, extruded_mesh, section_mesh
+from fem_tfm.geometry.resolution import Resolution
+from fem_tfm.geometry.section import RectangularSection, RoundSection, Section
 from fem_tfm.interpolation import point_values, transfer
-from fem_tfm.mesh import DuctGeometry, Mesh, PipeGeometry, extruded, section
 
 RADIUS = 0.005
-PIPE = PipeGeometry(2 * RADIUS)
+PIPE = RoundSection(2 * RADIUS)
 Field = Callable[[np.ndarray], np.ndarray]
+
+
+def section(
+    part: Section, level: int, *, order: int = 2, layout: str | None = None, **given: Any
+) -> Mesh:
+    """Mesh of a section; further keywords are those of Resolution."""
+    resolution = Resolution(level, **given)
+    return section_mesh(part, resolution, MPI.COMM_WORLD, order=order, layout=layout)
 
 
 def linear(x: np.ndarray) -> np.ndarray:
@@ -57,7 +68,7 @@ def test_linear_functions_are_exact(coarse: int, fine: int, order: int) -> None:
 @pytest.mark.mpi
 @pytest.mark.parametrize("degree", [1, 2])
 def test_vectors_and_degrees(degree: int) -> None:
-    square = DuctGeometry(0.01, 0.01)
+    square = RectangularSection(0.01, 0.01)
     source, target = section(square, 1), section(square, 2)
     found = transfer(function(source, vector, degree, (3,)), function(target, None, 2, (3,)))
     assert distance(found, function(target, vector, 2, (3,))) < 1e-12
@@ -65,7 +76,7 @@ def test_vectors_and_degrees(degree: int) -> None:
 
 @pytest.mark.parametrize("degree", [1, 2])
 def test_order_of_the_error(degree: int) -> None:
-    target = section(PIPE, 5, layout="free", wall_ratio=1.0)
+    target = section(PIPE, 5, layout="free", wall_grading=1.0)
     exact = function(target, smooth, degree)
     errors, sizes = [], []
     for level in (2, 4, 6):
@@ -95,14 +106,16 @@ def test_polygon_to_circle_and_back() -> None:
 
 
 def test_transfer_between_pipes() -> None:
-    source, target = (extruded(PIPE, 0.02, layers, 1) for layers in (1, 2))
+    source, target = (
+        extruded_mesh(PIPE, Resolution(1), 0.02, layers, MPI.COMM_WORLD) for layers in (1, 2)
+    )
     found = transfer(function(source, linear, 2), function(target, None, 2))
     assert distance(found, function(target, linear, 2)) < 1e-12
 
 
 @pytest.mark.mpi
 def test_transfer_from_another_region_is_refused() -> None:
-    source, target = section(PIPE, 1), section(PipeGeometry(4 * RADIUS), 1)
+    source, target = section(PIPE, 1), section(RoundSection(4 * RADIUS), 1)
     with pytest.raises(SolverError, match="nodes are too far outside"):
         transfer(function(source, linear), function(target, None))
 

@@ -16,9 +16,9 @@ from mpi4py import MPI
 from fem_tfm.errors import SolverError
 from fem_tfm.fenics import compile_form
 from fem_tfm.solvers.newton import Block, Border, BorderedNewton, LinearSolveError
-from fem_tfm.solvers.pseudo_time import PseudoTime, StepControl
+from fem_tfm.solvers.pseudo_time import PseudoTime, PseudoTimeControl
 
-CONTROL = StepControl(first=1e-2, largest=1e8, smallest=1e-6)
+CONTROL = PseudoTimeControl(first=1e-2, largest=1e8, smallest=1e-6)
 
 
 class Membrane:
@@ -136,6 +136,6 @@ def test_a_matrix_without_a_solution_is_refused() -> None:
 
 def test_no_steady_state_within_the_steps() -> None:
     problem = Membrane()
-    problem.march.control = StepControl(first=1e-6, largest=1e8, smallest=1e-9, max_steps=2)
+    problem.march.control = PseudoTimeControl(first=1e-6, largest=1e8, smallest=1e-9, max_steps=2)
     with pytest.raises(SolverError, match="not steady after 2 pseudo-time steps"):
         problem.march.run()

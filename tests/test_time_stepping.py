@@ -9,9 +9,9 @@ from dataclasses import replace
 import pytest
 
 from fem_tfm.errors import SolverError
-from fem_tfm.solvers.time_stepping import StepControl, TimeStepping
+from fem_tfm.solvers.time_stepping import TimeControl, TimeStepping
 
-CONTROL = StepControl(first=1e-3, largest=0.1, smallest=1e-6, courant=1.0)
+CONTROL = TimeControl(first=1e-3, largest=0.1, smallest=1e-6, courant=1.0)
 
 
 class Decay:

@@ -16,12 +16,11 @@ from mpi4py import MPI
 
 from fem_tfm import Case
 from fem_tfm.errors import SolverError
-from fem_tfm.flows import describe, unsteady
-from fem_tfm.flows.unsteady import Stepped, inflow_at, is_due, milestones, step_control
-from fem_tfm.mesh import line
 from fem_tfm.models.finite_volume import UnsteadyFlow
 from fem_tfm.output import checkpoint
 from fem_tfm.output.result import Result
+from fem_tfm.scenes import unsteady
+from fem_tfm.scenes.unsteady import Stepped, is_due
 
 BASE = {
     "solution": "unsteady",
@@ -66,13 +65,13 @@ def test_what_enters_follows_its_schedule(dense: dict[str, Any]) -> None:
             "operation.outlet_blocked": [[2e-3, 3e-3]],
         },
     )
-    feed = inflow_at(case, 5e-4)
+    feed = case.scene.inflow(5e-4)
     assert feed.gas_velocity == pytest.approx(0.5 * 6.43)
     assert (feed.solids_fraction, feed.solids_velocity) == (0.245, 6.09)
-    assert inflow_at(case, 1.5e-3).solids_fraction == pytest.approx(0.5 * 0.245)
-    assert inflow_at(case, 9.0).solids_fraction == 0.0
+    assert case.scene.inflow(1.5e-3).solids_fraction == pytest.approx(0.5 * 0.245)
+    assert case.scene.inflow(9.0).solids_fraction == 0.0
     # of the step that ends at that time
-    blocked = [inflow_at(case, t).blocked for t in (2e-3, 2.5e-3, 3e-3, 3.1e-3)]
+    blocked = [case.scene.inflow(t).blocked for t in (2e-3, 2.5e-3, 3e-3, 3.1e-3)]
     assert blocked == [False, True, True, False]
 
 
@@ -86,7 +85,7 @@ def test_steps_end_at_outputs_and_corners(dense: dict[str, Any]) -> None:
             "operation.gas_schedule": [[0, 0], [0.05, 1], [0.7, 1]],
         },
     )
-    times = milestones(case)
+    times = case.scene.milestones()
     assert times == pytest.approx([0.05, 0.1, 0.2, 0.25, 0.3])
     assert times[-1] == 0.3
     due = [time for time in times if is_due(time, 0.1, 0.3)]
@@ -94,17 +93,19 @@ def test_steps_end_at_outputs_and_corners(dense: dict[str, Any]) -> None:
 
 
 def test_steps_as_the_case_wants_them(dense: dict[str, Any]) -> None:
-    control = step_control(case_of(dense))
+    control = case_of(dense).scene.control()
     assert (control.first, control.largest, control.courant) == pytest.approx((1e-5, 1e-3, 1.0))
-    control = step_control(case_of(dense, {"numerics.time_step": 1.0, "numerics.courant": 5.0}))
+    control = case_of(
+        dense, {"numerics.time_step": 1.0, "numerics.courant": 5.0}
+    ).scene.control()
     assert (control.first, control.courant) == (1e-3, 5.0)
 
 
 def test_a_bed_lies_where_the_case_says(dense: dict[str, Any]) -> None:
     given = {"state": "bed", "bed_fraction": 0.5, "bed_height": 0.005, "bed_end": 0.015}
     case = case_of(dense, {f"initial.{key}": value for key, value in given.items()})
-    flow = UnsteadyFlow(unsteady.problem_of(case), line(case))
-    unsteady.start(case, flow)
+    flow = UnsteadyFlow(case.scene.problem(), case.scene.mesh())
+    case.scene.start(flow)
     _, y, z = flow.cells.centre.T
     inside = (y < 0) & (z < 0.015)
     assert 0 < inside.sum() < len(y)
@@ -114,8 +115,8 @@ def test_a_bed_lies_where_the_case_says(dense: dict[str, Any]) -> None:
 
 def test_a_line_filled_with_what_enters_carries_its_flux(dense: dict[str, Any]) -> None:
     case = case_of(dense, {"initial.state": "inlet"})
-    flow = UnsteadyFlow(unsteady.problem_of(case), line(case))
-    unsteady.start(case, flow)
+    flow = UnsteadyFlow(case.scene.problem(), case.scene.mesh())
+    case.scene.start(flow)
     found = flow.quantities()
     assert found["holdup"] == pytest.approx(0.245)
     assert flow.now.u_s[:, 2] == pytest.approx(6.09)
@@ -125,8 +126,8 @@ def test_what_fills_a_bend_follows_its_axis(dense: dict[str, Any]) -> None:
     bend = {"shape": "bend", "diameter": 0.01, "length": 0.1, "bend_radius": 0.04}
     changes = {f"geometry.{key}": value for key, value in bend.items()}
     case = case_of(dense, {**changes, "initial.state": "inlet", "numerics.axial_cells": 20})
-    flow = UnsteadyFlow(unsteady.problem_of(case), line(case))
-    unsteady.start(case, flow)
+    flow = UnsteadyFlow(case.scene.problem(), case.scene.mesh())
+    case.scene.start(flow)
     assert np.linalg.norm(flow.now.u_s, axis=1) == pytest.approx(6.09)
     last = np.argmax(flow.mesh.straightened(flow.cells.centre)[:, 2])
     assert flow.now.u_s[last] == pytest.approx([0, 6.09, 0], abs=1e-9)
@@ -220,7 +221,7 @@ def test_an_interrupted_run_goes_on_bit_for_bit(
     comm.barrier()
     for name in ("monitor.csv", "probes.csv", "sections.csv", "fields.xdmf", "plane.png"):
         assert (whole / name).read_bytes() == (halves / name).read_bytes(), name
-    mesh = line(case).mesh
+    mesh = case.scene.mesh().mesh
     expected, found = (checkpoint.load_cells(out, mesh) for out in (whole, halves))
     assert expected[1] == found[1]
     for name, values in expected[0].items():
@@ -255,10 +256,10 @@ def test_a_state_goes_on_with_another_number_of_ranks(
     MPI.COMM_WORLD.barrier()
     found = []
     for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
-        flow = UnsteadyFlow(unsteady.problem_of(case), line(case, comm))
+        flow = UnsteadyFlow(case.scene.problem(), case.scene.mesh(comm))
         flow.restore(merged(tmp_path, flow))
         for _ in range(5):
-            flow.advance(1e-4, inflow_at(case, 1.0))
+            flow.advance(1e-4, case.scene.inflow(1.0))
         found.append(flow.quantities())
     assert found[0] == pytest.approx(found[1], rel=1e-4)
 
@@ -323,8 +324,8 @@ def test_gas_alone_is_driven_too(dense: dict[str, Any]) -> None:
     case = Case.from_dict(dense | BASE | {"operation": operation})
     result = case.run()
     assert result.status == "finished"
-    density = case.gas.gas_density
-    assert result["gas_mass_flow"] == pytest.approx(density * 6.43 * case.geometry.area, rel=1e-6)
+    density, area = case["gas.density"], case.scene.geometry.area
+    assert result["gas_mass_flow"] == pytest.approx(density * 6.43 * area, rel=1e-6)
 
 
 def test_turbulence_is_told_and_kept(dense: dict[str, Any], tmp_path: Path) -> None:
@@ -338,7 +339,7 @@ def test_turbulence_is_told_and_kept(dense: dict[str, Any], tmp_path: Path) -> N
 
 
 def test_check_tells_the_size(dense: dict[str, Any]) -> None:
-    told = describe(case_of(dense))
+    told = case_of(dense).scene.describe()
     assert "unsteady flow" in told["solved"]
     assert told["meshes"].startswith("6 layers of ")
     assert "starts from state 'rest'" in told["given"]

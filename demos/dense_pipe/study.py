@@ -235,7 +235,7 @@ def look(answer: Answer, solved: Section) -> None:
     moment = snapshot(solved.mesh.mesh, functions)
     limit = solved.setup.solids.friction_limit
     if COMM.rank == 0:
-        kind, symmetry = moment.kind, solved.mesh.geometry.symmetry
+        kind, symmetry = moment.kind, solved.mesh.section.symmetry
         answer.view = SectionView.of_cells(moment.points, moment.cells, kind, symmetry)
         answer.fields = moment.nodal
         answer.profile = vertical_profile(answer.view, moment.nodal)
@@ -322,7 +322,7 @@ class _Stations(developing.Observer):
         fields = {n: f for n, f in line.station.fields().items() if n in ("u_g", "u_s", "alpha_s")}
         moment = snapshot(line.station.mesh.mesh, fields)
         if COMM.rank == 0:
-            symmetry = line.station.mesh.geometry.symmetry
+            symmetry = line.station.mesh.section.symmetry
             view = SectionView.of_cells(moment.points, moment.cells, moment.kind, symmetry)
             answer.profile = vertical_profile(view, moment.nodal)
         self.profiles[z] = answer.profile

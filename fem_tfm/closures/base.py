@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Base class, parameters and registry of the closure laws.
+"""Base class and registry of the closure laws.
 
 A law is one frozen dataclass: its parameters are fields made by `parameter`, its docstring carries
 the title, the formula and the lines "Validity: ..." and "Source: ...". `@register(family, name)`
@@ -12,102 +12,21 @@ from __future__ import annotations
 import abc
 import dataclasses
 import inspect
-import math
-import numbers
 import re
 import sys
 from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
-from fem_tfm.closures.ops import is_expr
 from fem_tfm.errors import InputError, nearest
+from fem_tfm.parameters import Parameters, in_words, kind_of, parameter
 
-_LIMITS = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
 _REGISTRY: dict[str, dict[str, type[Closure]]] = {}
 
 
-def parameter(
-    default: Any = dataclasses.MISSING,
-    unit: str = "-",
-    doc: str = "",
-    *,
-    gt: float | None = None,
-    ge: float | None = None,
-    lt: float | None = None,
-    le: float | None = None,
-) -> Any:
-    """Dataclass field of a law's parameter with its unit, meaning and allowed range."""
-    given = {"gt": gt, "ge": ge, "lt": lt, "le": le}
-    limits = {name: value for name, value in given.items() if value is not None}
-    metadata = {"unit": unit, "doc": doc, "limits": limits}
-    return dataclasses.field(default=default, metadata=metadata)
-
-
-def _is_switch(field: dataclasses.Field) -> bool:
-    """Whether a field is a bool or a string, which a formula may branch on."""
-    return isinstance(field.default, bool | str)
-
-
-def allowed_range(field: dataclasses.Field) -> str:
-    """Range of a parameter as a phrase: "a number > 0 and <= 1 (m)"."""
-    if _is_switch(field):
-        return "true or false" if isinstance(field.default, bool) else "a string"
-    limits = field.metadata.get("limits", {})
-    bounds = " and ".join(f"{_LIMITS[k]} {v:g}" for k, v in limits.items())
-    unit = field.metadata.get("unit", "-")
-    kind = "a number" if bounds else "a finite number"
-    return " ".join(w for w in (kind, bounds, "" if unit == "-" else f"({unit})") if w)
-
-
-def _inside(value: float, limits: Mapping[str, float]) -> bool:
-    """Whether a finite value respects its limits."""
-    test = {
-        "gt": value > limits.get("gt", -math.inf),
-        "ge": value >= limits.get("ge", -math.inf),
-        "lt": value < limits.get("lt", math.inf),
-        "le": value <= limits.get("le", math.inf),
-    }
-    return math.isfinite(value) and all(test.values())
-
-
-class Parameters:
-    """Behaviour shared by materials and closures: checked numbers that can be bound to UFL."""
-
-    def __post_init__(self) -> None:
-        """Check plain numbers against their ranges and store them as floats.
-
-        Raises
-        ------
-        InputError
-            a value is of the wrong kind, not finite, or out of range
-        """
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if _is_switch(field):
-                if not isinstance(value, type(field.default)):
-                    raise InputError(field.name, value, allowed_range(field))
-            elif not is_expr(value):
-                object.__setattr__(self, field.name, self._checked(field, value))
-
-    @staticmethod
-    def _checked(field: dataclasses.Field, value: Any) -> float:
-        """The value as a float inside its range."""
-        number = isinstance(value, numbers.Real) and not isinstance(value, bool)
-        if not number or not _inside(float(value), field.metadata.get("limits", {})):
-            raise InputError(field.name, value, allowed_range(field))
-        return float(value)
-
-    def bound(self, wrap: Callable[[float], Any]) -> Self:
-        """The same object with every number replaced by wrap(number).
-
-        With `wrap` making a UFL constant, a changed parameter recompiles no form.
-        """
-        values = {
-            f.name: wrap(getattr(self, f.name))
-            for f in dataclasses.fields(self)
-            if isinstance(getattr(self, f.name), float)
-        }
-        return dataclasses.replace(self, **values)
+def allowed_range(cls: type[Parameters], field: dataclasses.Field[Any]) -> str:
+    """Range of a parameter as a phrase: "a number above 0 and at most 1 [m]"."""
+    limits, unit = field.metadata.get("limits", {}), field.metadata.get("unit", "")
+    return in_words(kind_of(cls, field), limits, unit)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,6 +79,11 @@ def register(family: str, name: str) -> Callable[[type[Closure]], type[Closure]]
 def families() -> list[str]:
     """Names of the families, sorted."""
     return sorted(_REGISTRY)
+
+
+def every_law() -> list[type[Closure]]:
+    """Classes of all laws, by family and name."""
+    return [_laws(family)[name] for family in families() for name in names(family)]
 
 
 def names(family: str) -> list[str]:
@@ -256,8 +180,20 @@ def _entry(cls: type[Closure]) -> dict[str, Any]:
                 "default": f.default,
                 "unit": f.metadata.get("unit", "-"),
                 "doc": f.metadata.get("doc", ""),
-                "range": allowed_range(f),
+                "range": allowed_range(cls, f),
             }
             for f in dataclasses.fields(cls)
         ],
     }
+
+
+def law(family: str, default: str, doc: str, key: str) -> Any:
+    """Field of a `Parameters` class that holds a law of a family.
+
+    It takes a law, its name, or a table { model = name, parameter = value }.
+    """
+
+    def convert(spec: Any, where: str) -> Closure:
+        return make(family, spec, where)
+
+    return parameter(default, doc=doc, key=key, convert=convert)

@@ -17,8 +17,8 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 from fem_tfm.closures.base import Closure, parameter, register
-from fem_tfm.closures.materials import Gas, Solids
 from fem_tfm.closures.ops import Value, atan, exp, ln, safe_pow, smooth_norm, smooth_step, sqrt
+from fem_tfm.materials import Gas, Solids
 
 _TINY_RE = 1e-4
 _TINY_FRACTION = 1e-5

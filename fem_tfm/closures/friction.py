@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from fem_tfm.closures.base import Closure, parameter, register
-from fem_tfm.closures.materials import Solids
 from fem_tfm.closures.ops import Value, positive_part, sin, softplus, sqrt, tanh
+from fem_tfm.materials import Solids
 
 _SQRT2 = math.sqrt(2)
 _YIELD_EPS = 1e-3

@@ -21,8 +21,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from fem_tfm.closures.base import Closure, register
-from fem_tfm.closures.materials import Solids
 from fem_tfm.closures.ops import Value, sqrt, where_greater
+from fem_tfm.materials import Solids
 
 _SQRT_PI = math.sqrt(math.pi)
 _TINY_THETA = 1e-16
@@ -84,7 +84,7 @@ def lun_dissipation(alpha_s: Value, theta: Value, g0: Value, solids: Solids) -> 
 
 @register("granular", "gidaspow")
 @dataclass(frozen=True)
-class Gidaspow(Granular):
+class GidaspowKinetics(Granular):
     """Gidaspow viscosity and conductivity with Lun's pressure, bulk viscosity and dissipation.
 
         p      = a rho_s Theta [1 + 2 (1 + e) a g0]
@@ -185,7 +185,7 @@ class HrenyaSinclair(Granular):
 
 @register("granular", "syamlal-obrien")
 @dataclass(frozen=True)
-class SyamlalOBrien(Granular):
+class SyamlalOBrienKinetics(Granular):
     """Syamlal-O'Brien viscosity and conductivity.
 
         mu    = a rho_s d sqrt(pi Theta)/[6 (3 - e)] [1 + (2/5)(1 + e)(3e - 1) a g0]

@@ -2,8 +2,9 @@
 """Mathematics that works alike on UFL expressions, numpy arrays and plain numbers.
 
 A function takes the UFL path if any argument is a UFL expression and the numpy path otherwise, so
-that a weak form and a unit test call the same law. The regularised primitives have a finite
-derivative everywhere, since Newton's method differentiates them symbolically.
+that a weak form and a unit test call the same law. Tensors are UFL expressions or numpy arrays of
+shape (3, 3). The regularised primitives have a finite derivative everywhere, since Newton's method
+differentiates them symbolically.
 """
 
 from __future__ import annotations
@@ -131,3 +132,42 @@ def lambert_w(x: Value, iterations: int = 1) -> Value:
 def radians(angle_deg: Value) -> Value:
     """Angle in rad of an angle in degrees."""
     return angle_deg * (math.pi / 180)
+
+
+type Tensor = Any
+"""A UFL expression or a numpy array of shape (3, 3), or (3,) for a vector."""
+
+
+def dot(a: Tensor, b: Tensor) -> Tensor:
+    """Product summed over the last index of a and the first of b."""
+    return ufl.dot(a, b) if is_expr(a, b) else np.dot(a, b)
+
+
+def outer(a: Tensor, b: Tensor) -> Tensor:
+    """Product a_i b_j of two vectors."""
+    return ufl.outer(a, b) if is_expr(a, b) else np.outer(a, b)
+
+
+def transpose(a: Tensor) -> Tensor:
+    """a_ji."""
+    return ufl.transpose(a) if is_expr(a) else np.transpose(a)
+
+
+def trace(a: Tensor) -> Any:
+    """a_kk."""
+    return ufl.tr(a) if is_expr(a) else np.trace(a)
+
+
+def identity(like: Tensor) -> Tensor:
+    """delta_ij of the kind of `like`."""
+    return ufl.Identity(3) if is_expr(like) else np.eye(3)
+
+
+def symmetric(a: Tensor) -> Tensor:
+    """(a_ij + a_ji)/2."""
+    return (a + transpose(a)) / 2
+
+
+def deviator(a: Tensor) -> Tensor:
+    """a_ij - a_kk delta_ij/3."""
+    return a - trace(a) / 3 * identity(a)

@@ -11,8 +11,8 @@ from abc import abstractmethod
 from dataclasses import dataclass
 
 from fem_tfm.closures.base import Closure, register
-from fem_tfm.closures.materials import Solids
 from fem_tfm.closures.ops import Value, safe_pow
+from fem_tfm.materials import Solids
 
 _TINY_FRACTION = 1e-6
 

@@ -24,7 +24,7 @@ from fem_tfm.errors import InputError
 from fem_tfm.output import result as results
 from fem_tfm.output.files import write_text
 from fem_tfm.output.result import Quantity, Result
-from fem_tfm.output.summary import difference, number
+from fem_tfm.output.summary import MESH_ERROR, MESH_NOTE, difference, number
 
 FILE = "report.html"
 CASE, MONITOR, LOG = "case.toml", "monitor.csv", "run.log"
@@ -134,7 +134,8 @@ def _quantities(quantities: Mapping[str, Quantity]) -> list[str]:
     """A row for each quantity and for each of its references."""
     if not quantities:
         return []
-    rows = ["<tr>" + _cells(["quantity", "value", "±", "unit", "difference"], "th") + "</tr>"]
+    head = ["quantity", "value", MESH_ERROR, "unit", "difference"]
+    rows = ["<tr>" + _cells(head, "th") + "</tr>"]
     for name, q in quantities.items():
         cells = [name.replace("_", " "), number(q.value), number(q.error_estimate, 2), q.unit, ""]
         rows.append(f"<tr>{_cells(cells)}</tr>")
@@ -142,7 +143,8 @@ def _quantities(quantities: Mapping[str, Quantity]) -> list[str]:
             off = difference(q.value, reference.value)
             cells = [reference.source or "reference", number(reference.value), "", q.unit, off]
             rows.append(f'<tr class="reference">{_cells(cells)}</tr>')
-    return ["<table>", *rows, "</table>"]
+    note = [MESH_NOTE] if any(q.error_estimate is not None for q in quantities.values()) else []
+    return ["<table>", *rows, "</table>", *(f"<p>{escape(text)}</p>" for text in note)]
 
 
 def _cells(values: Sequence[str], tag: str = "td") -> str:

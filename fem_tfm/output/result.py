@@ -13,13 +13,48 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fem_tfm.output.files import write_text
 
+if TYPE_CHECKING:
+    from fem_tfm.output.fields import Snapshot
+
 STATUSES = ("converged", "finished", "failed", "interrupted")
-SOLUTIONS = ("developed", "developing", "unsteady")
+
 FILE = "result.json"
+# units of the quantities that scenes tell
+QUANTITIES = {
+    "pressure_gradient": "Pa/m",
+    "pressure_drop": "Pa",
+    "solids_mass_flow": "kg/s",
+    "gas_mass_flow": "kg/s",
+    "holdup": "-",
+    "max_solids_fraction": "-",
+    "bed_fraction": "-",
+    "slip_velocity": "m/s",
+    "friction_factor": "-",
+    "secondary_velocity_max": "-",
+    "secondary_velocity_diagonal": "-",
+    "centre_to_bulk": "-",
+    "axis_energy": "-",
+    "corner_wall_shear": "-",
+    "smallest_stress": "-",
+    "wall_distance_plus": "-",
+    "overshoot": "-",
+    "overshoot_position": "m",
+    "overshoot_diameters": "-",
+    "development_length": "m",
+    "nusselt": "-",
+    "turbulent_prandtl_axis": "-",
+    "turbulent_prandtl_wall": "-",
+    "outlet_temperature": "K",
+    "bed_height": "m",
+    "entrance_pressure_drop": "Pa",
+}
 
 
 @dataclass(frozen=True)
@@ -87,6 +122,8 @@ class Result:
     reason : why it failed or stopped
     directory : where its files are; not written
     sections : arrays for scripts, such as profiles by name; not written
+    fields : values of each field on `points` (n, 3) [m]: nodes, or centres of cells; on rank 0, not
+        written
 
     Raises
     ------
@@ -112,9 +149,11 @@ class Result:
     reason: str = ""
     directory: Path | None = None
     sections: dict[str, Any] = field(default_factory=dict, repr=False)
+    fields: dict[str, NDArray[np.float64]] = field(default_factory=dict, repr=False)
+    points: NDArray[np.float64] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
-        for name, allowed in (("status", STATUSES), ("solution", SOLUTIONS)):
+        for name, allowed in (("status", STATUSES),):
             if getattr(self, name) not in allowed:
                 raise ValueError(f"{name} {getattr(self, name)!r} is none of {', '.join(allowed)}")
         if self.status == "failed":
@@ -129,6 +168,13 @@ class Result:
     def __contains__(self, name: object) -> bool:
         return name in self.quantities
 
+    def take(self, moment: Snapshot) -> None:
+        """Keep the values of the fields of a moment on their points."""
+        self.points = moment.points
+        if moment.cellwise and not moment.nodal and len(moment.cells):
+            self.points = moment.points[moment.cells].mean(axis=1)
+        self.fields = {**moment.cellwise, **moment.nodal}
+
     def _absent(self, name: str) -> str:
         if not self.quantities:
             why = f": {self.reason}" if self.reason else ""
@@ -140,7 +186,7 @@ class Result:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain content of result.json: strict JSON types, null for what is not finite."""
-        hidden = ("quantities", "directory", "sections")
+        hidden = ("quantities", "directory", "sections", "fields", "points")
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in hidden}
         content["quantities"] = {name: q.as_dict() for name, q in self.quantities.items()}
         return _strict(content)

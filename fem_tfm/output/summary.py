@@ -15,6 +15,9 @@ from fem_tfm.output.result import Quantity, Reference, Result
 
 # lines of each list; what is left out is in result.json
 LISTED = 4
+# head of the column of errors, and what it means
+MESH_ERROR = "± mesh"
+MESH_NOTE = "± mesh: estimated error of the mesh alone; inputs carry none"
 COLOURS = {"converged": "green", "finished": "green", "failed": "red", "interrupted": "yellow"}
 
 
@@ -28,6 +31,8 @@ def print_summary(result: Result, console: Console | None = None) -> None:
         console.print(Text(result.reason, style="red"), width=width)
     if result.quantities:
         console.print(_quantities(result), width=width)
+    if any(quantity.error_estimate is not None for quantity in result.quantities.values()):
+        console.print(Text(MESH_NOTE, style="dim"), width=width)
     if result.balances:
         console.print(_balances(result), width=width)
     for head, lines in (("skipped", result.skipped), ("inferred", result.inferred)):
@@ -74,7 +79,7 @@ def _quantities(result: Result) -> Table:
     """Quantities, each with its references on the lines below it."""
     table = Table(box=None, pad_edge=False, header_style="underline")
     table.add_column("quantity", overflow="fold")
-    for head in ("value", "±"):
+    for head in ("value", MESH_ERROR):
         table.add_column(head, justify="right", no_wrap=True)
     table.add_column("unit", no_wrap=True)
     table.add_column("difference", justify="right", no_wrap=True)

@@ -17,6 +17,7 @@ from dolfinx import fem
 
 from fem_tfm.errors import SolverError
 from fem_tfm.solvers.newton import BorderedNewton, LinearSolveError
+from fem_tfm.solvers.step import StepControl, attempt
 
 # a step within this share of the rest of the way takes all of it
 LAST = 1.001
@@ -36,14 +37,12 @@ def backward_weights(step: float, before: float | None) -> tuple[float, float, f
     return (1 + 2 * r) / (1 + r) / step, -(1 + r) / step, r**2 / (1 + r) / step
 
 
-@dataclass(frozen=True)
-class MarchControl:
-    """How the step moves.
+@dataclass(frozen=True, kw_only=True)
+class MarchControl(StepControl):
+    """How the step [m] moves; only failures make it smaller than the first.
 
-    first, largest, smallest : steps [m]; only failures make them smaller than the first
     bend : how far a station may lie from the line through the two before it, relative rms
     growth : largest factor from one step to the next; BDF2 is stable below 1 + sqrt(2)
-    cut : factor after a failed step
     easy, hard : Newton iterations at or below which the step may grow, above which it shrinks
     tolerance : relative update at which a station counts as solved
     order : 1 for backward Euler, 2 for BDF2
@@ -51,9 +50,6 @@ class MarchControl:
     max_stations : stations before giving up
     """
 
-    first: float
-    largest: float
-    smallest: float
     bend: float = 0.03
     growth: float = 1.5
     cut: float = 0.4
@@ -152,17 +148,22 @@ class March:
     def _accepted(self, place: Place, step: float, end: float) -> Stop:
         """Repeat a step with smaller ones until it succeeds."""
         control, refusals = self.control, 0
-        while True:
-            try:
-                stop = self._solved(place, step)
-                break
-            except LinearSolveError as error:
-                self._restore()
-                step *= control.cut
-                refusals += isinstance(error, _Refused)
-                if step < control.smallest or refusals > control.refusals:
-                    raise SolverError(f"marching ends at z = {place.z:.4g} m: {error}") from error
-                self.retry(step, str(error))
+
+        def shrink(step: float, error: Exception) -> float:
+            nonlocal refusals
+            refusals += isinstance(error, _Refused)
+            return control.cut * step if refusals <= control.refusals else 0.0
+
+        stop, step = attempt(
+            step,
+            control.smallest,
+            lambda step: (self._solved(place, step), step),
+            shrink,
+            failures=LinearSolveError,
+            restore=self._restore,
+            retry=self.retry,
+            refuse=lambda error: f"marching ends at z = {place.z:.4g} m: {error}",
+        )
         z = end if end - place.z - step <= 1e-12 * end else place.z + step
         return replace(stop, place=Place(z, step, self._next(step, stop)))
 

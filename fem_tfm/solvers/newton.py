@@ -177,9 +177,6 @@ class BorderedNewton:
         self.solved = [self.rhs.duplicate() for _ in borders]
         self.solver = DirectSolver(self.matrix)
         self.factorisations = 0
-        # far-off unknowns are either cut one by one, which is quicker, or shorten the whole step,
-        # which keeps its direction and gets through where the other way does not
-        self.saturate = True
 
     def destroy(self) -> None:
         """Free every PETSc object."""
@@ -209,12 +206,15 @@ class BorderedNewton:
         """c_k(W) - target of each border."""
         return [self._constraint(border) for border in self.borders]
 
-    def step(self) -> Update:
+    def step(self, saturate: bool = True) -> Update:
         """One Newton step on unknowns and multipliers, with one factorisation.
 
         The step d is shortened until the simplified correction s = -J^-1 F(x + k d) is smaller than
         d (natural monotonicity, which does not depend on the scaling of the equations); a full
         step is followed by s itself.
+
+        saturate : cut far-off unknowns one by one, which is quicker; False shortens the whole step,
+            which keeps its direction and gets through where the other way does not
 
         Raises
         ------
@@ -223,13 +223,13 @@ class BorderedNewton:
         """
         self._factor()
         start = self.position()
-        change = self._tamed(self._correction())
+        change = self._tamed(self._correction(), saturate)
         size = self._sizes(change)
         length = self._longest(change)
         while True:
             self.move(start, change, length)
             try:
-                follow = self._tamed(self._correction())
+                follow = self._tamed(self._correction(), saturate)
                 rest = self._sizes(follow)
             except LinearSolveError:
                 rest = {"": math.inf}
@@ -243,17 +243,20 @@ class BorderedNewton:
             self.move(self.position(), follow, self._longest(follow))
         return Update(size, max(rest.values()), length)
 
-    def polish(self, tolerance: float, size: float = math.inf) -> tuple[float, float]:
+    def polish(
+        self, tolerance: float, size: float = math.inf, saturate: bool = True
+    ) -> tuple[float, float]:
         """Corrections with the last factorisation until they are below `tolerance`.
 
         It ends early where they do not shrink fast enough.
 
         size : of the correction before the first one
+        saturate : as for `step`
         Returns the sizes of the first and of the last correction that was made.
         """
         first = math.inf
         for _ in range(MOST_POLISHES):
-            change = self._tamed(self._correction())
+            change = self._tamed(self._correction(), saturate)
             found = max(self._sizes(change).values())
             if found > max(CONTRACTION * size, tolerance):
                 break
@@ -395,13 +398,13 @@ class BorderedNewton:
             raise LinearSolveError("the Newton step is not finite")
         return sizes
 
-    def _tamed(self, change: Change) -> Change:
+    def _tamed(self, change: Change, saturate: bool) -> Change:
         """A correction with its limited blocks saturated, unknown by unknown, if asked for.
 
         d becomes sign(d) ln(1 + |d|), for growth Newton's step of the exponential, and is cut
         at the limit.
         """
-        for block in self.blocks if self.saturate else ():
+        for block in self.blocks if saturate else ():
             if block.limit is not None:
                 raw = change[0][block.dofs]
                 mild = np.copysign(np.log1p(np.abs(raw)), raw)

@@ -16,27 +16,23 @@ from dolfinx import fem
 
 from fem_tfm.errors import SolverError
 from fem_tfm.solvers.newton import BorderedNewton, LinearSolveError
+from fem_tfm.solvers.step import StepControl, attempt
 
 # a steady state may still move by this many tolerances in a step of the largest dt
 STEP_ALLOWANCE = 1e4
 
 
-@dataclass(frozen=True)
-class StepControl:
-    """How dt moves.
+@dataclass(frozen=True, kw_only=True)
+class PseudoTimeControl(StepControl):
+    """How dt [s] moves.
 
-    first, largest, smallest : pseudo-time steps [s]
-    growth : factor after an easy step
-    cut : factor after a failed one
     easy, hard : Newton iterations at or below which dt grows, above which it shrinks
     loose : relative update at which a transient step counts as solved
     tolerance : relative update at which the steady state counts as reached
     max_steps : steps before giving up
+    saturate : Newton limits each block by itself; False shortens its steps as a whole
     """
 
-    first: float
-    largest: float
-    smallest: float
     growth: float = 1.8
     cut: float = 0.3
     easy: int = 4
@@ -45,6 +41,7 @@ class StepControl:
     tolerance: float = 1e-9
     max_steps: int = 200
     max_iterations: int = 9
+    saturate: bool = True
 
 
 @dataclass
@@ -73,7 +70,7 @@ class PseudoTime:
         newton: BorderedNewton,
         old: fem.Function,
         idt: fem.Constant,
-        control: StepControl,
+        control: PseudoTimeControl,
         observe: Callable[[dict[str, float]], None] = lambda row: None,
         retry: Callable[[float, str], None] = lambda dt, reason: None,
     ) -> None:
@@ -115,7 +112,7 @@ class PseudoTime:
         self._keep()
         self.idt.value = 1.0 / self.control.largest
         try:
-            self.newton.polish(self.control.tolerance)
+            self.newton.polish(self.control.tolerance, saturate=self.control.saturate)
         except LinearSolveError:
             self._restore()
 
@@ -135,7 +132,7 @@ class PseudoTime:
             return False
         self._keep()
         try:
-            change, update = self.newton.polish(tolerance)
+            change, update = self.newton.polish(tolerance, saturate=self.control.saturate)
         except LinearSolveError:
             change = update = math.inf
         row = {"dt": dt, "iterations": 1, "update": update, "change": change}
@@ -158,34 +155,37 @@ class PseudoTime:
     def _accepted_step(self, dt: float, history: History) -> float:
         """Repeat a step with smaller dt until it succeeds; returns the dt that worked."""
         control = self.control
-        while True:
-            try:
-                row = self._step(dt)
-                break
-            except LinearSolveError as error:
-                self._restore()
-                # far above the first step the failure says little: go half-way back (in decades)
-                dt = min(dt * control.cut, math.sqrt(dt * control.first))
-                self.retry(dt, str(error))
-                if dt < control.smallest:
-                    raise SolverError(
-                        f"pseudo-time step fell below {control.smallest:.1e} s ({error})"
-                    ) from error
+
+        def shrink(dt: float, error: Exception) -> float:
+            # far above the first step the failure says little: go half-way back (in decades)
+            return min(dt * control.cut, math.sqrt(dt * control.first))
+
+        row = attempt(
+            dt,
+            control.smallest,
+            self._step,
+            shrink,
+            failures=LinearSolveError,
+            restore=self._restore,
+            retry=self.retry,
+            refuse=lambda error: f"pseudo-time step fell below {control.smallest:.1e} s ({error})",
+        )
         history.update = row["update"]
-        history.rows.append({"dt": dt, **row})
-        return dt
+        history.rows.append(row)
+        return row["dt"]
 
     def _step(self, dt: float) -> dict[str, float]:
         control = self.control
         self._keep()
         self.idt.value = 1.0 / dt
         for iteration in range(1, control.max_iterations + 1):
-            update = self.newton.step()
+            update = self.newton.step(control.saturate)
             if update.length == 1.0 and update.rest <= control.loose:
                 rest = update.rest
                 if dt >= control.largest and rest > control.tolerance:
-                    rest = self.newton.polish(control.tolerance, rest)[1]
-                return {"iterations": iteration, "update": rest, "change": update.size}
+                    rest = self.newton.polish(control.tolerance, rest, control.saturate)[1]
+                row = {"iterations": iteration, "update": rest, "change": update.size}
+                return {"dt": dt, **row}
         raise LinearSolveError(f"no convergence in {control.max_iterations} Newton iterations")
 
     def _keep(self) -> None:

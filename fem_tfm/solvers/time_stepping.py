@@ -14,11 +14,16 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from fem_tfm.errors import SolverError
+from fem_tfm.solvers.step import StepControl, attempt
 
 # a step within this factor of the way to a milestone takes all of it
 LAST = 1.001
 # a step is told where it differs by this factor from the last one told
 TOLD = 1.25
+
+
+class _Refused(Exception):
+    """The system has refused a step."""
 
 
 class System(Protocol):
@@ -36,26 +41,19 @@ class System(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class StepControl:
-    """How the step moves.
+@dataclass(frozen=True, kw_only=True)
+class TimeControl(StepControl):
+    """How the step [s] moves.
 
-    first, largest, smallest : steps [s]
     courant : largest Courant number
-    growth : largest factor from one step to the next
-    cut : factor after a failed step
     easy, hard : effort up to which the step may grow, and above which it shrinks by `ease`
     share : least share of what the Courant number and `largest` allow to which effort shrinks the
         step, for an effort that does not depend on the step is not worth more steps
     patience : steps after a failure before it grows again
     """
 
-    first: float
-    largest: float
-    smallest: float
     courant: float
     growth: float = 1.2
-    cut: float = 0.5
     easy: float = 0.4
     hard: float = 0.7
     ease: float = 0.8
@@ -81,7 +79,7 @@ class TimeStepping:
 
     def __init__(
         self,
-        control: StepControl,
+        control: TimeControl,
         milestones: Sequence[float],
         tell: Callable[[str], None] = lambda text: None,
     ) -> None:
@@ -107,16 +105,36 @@ class TimeStepping:
         SolverError
             no step above the smallest one succeeds; the system has the state before it.
         """
-        while True:
+        control = self.control
+
+        def trial(wanted: float) -> float:
+            self._wanted = wanted
             bound, reason = self._choose(system.rate())
             dt, to = self._land(bound)
+            self._tried = dt
             try:
                 effort = system.advance(dt, to)
             except SolverError as failure:
-                self._refuse(dt, failure)
-                continue
+                raise _Refused(str(failure)) from failure
             self._accept(dt, to, bound, reason, effort)
             return dt
+
+        def shrink(_: float, failure: Exception) -> float:
+            self._wait = control.patience
+            return control.cut * self._tried
+
+        self._tried = 0.0
+        return attempt(
+            self._wanted,
+            control.smallest,
+            trial,
+            shrink,
+            failures=_Refused,
+            retry=lambda size, reason: self._tell(size, f"taken back: {reason}"),
+            refuse=lambda failure: (
+                f"no step above {control.smallest:.3g} s succeeds at {self.time:.6g} s: {failure}"
+            ),
+        )
 
     def state(self) -> dict[str, float]:
         """Numbers from which `restore` goes on as if nothing had happened."""
@@ -160,16 +178,6 @@ class TimeStepping:
         # two even steps in place of a large and a tiny one
         dt = min(bound, way / 2)
         return dt, self.time + dt
-
-    def _refuse(self, dt: float, failure: SolverError) -> None:
-        """Make the next trial smaller; raises SolverError below the smallest step."""
-        control = self.control
-        self._wanted, self._wait = control.cut * dt, control.patience
-        if self._wanted < control.smallest:
-            raise SolverError(
-                f"no step above {control.smallest:.3g} s succeeds at {self.time:.6g} s: {failure}"
-            ) from failure
-        self._tell(self._wanted, f"taken back: {failure}")
 
     def _accept(self, dt: float, to: float, bound: float, reason: str, effort: float) -> None:
         """Book a step; `bound` is what it could have been without a milestone."""

@@ -9,7 +9,7 @@ import ufl
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
-from fem_tfm.closures.materials import Gas, Solids
+from fem_tfm.materials import Gas, Solids
 
 
 @pytest.fixture

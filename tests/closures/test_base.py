@@ -84,7 +84,7 @@ def test_catalogue_lists_formula_source_and_ranges():
         "default": 1.0,
         "unit": "-",
         "doc": "factor of the intermediate zone",
-        "range": "a number > 0",
+        "range": "a number above 0",
     }
 
 
@@ -144,7 +144,7 @@ def test_unknown_parameter_lists_the_valid_ones():
 
 
 def test_out_of_range_says_the_range():
-    with pytest.raises(InputError, match=r"expected a number >= 0 and <= 1"):
+    with pytest.raises(InputError, match=r"expected a number at least 0 and at most 1"):
         closures.make("solids-wall", {"model": "schneiderbauer", "restitution": -0.1})
 
 
@@ -178,7 +178,7 @@ def test_switches_are_kept_and_checked(registry):
         closures.make("drag", {"model": "switched", "flag": 1})
     ranges = [p["range"] for p in closures.catalogue("drag")[-5]["parameters"]]
     assert closures.catalogue("drag")[-5]["name"] == "switched"
-    assert ranges == ["true or false", "a number >= 1 (m)"]
+    assert ranges == ["true or false", "a number at least 1 [m]"]
 
 
 def test_register_refuses_a_law_without_a_source(registry):

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from fem_tfm.closures import make, names
-from fem_tfm.closures.dispersed import GasEddies, Grains
-from fem_tfm.closures.turbulence import Eddies, realizable_slope
+from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
+from fem_tfm.closures.turbulence.gas import Eddies, realizable_slope
 
 GAS = GasEddies(k=0.3, eps=40.0, nu=0.09 * 0.3**2 / 40.0, density=33.5, floor=0.01)
 

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 from fem_tfm.closures import make, names
 from fem_tfm.closures.drag import schiller_naumann_factor
-from fem_tfm.closures.materials import Gas, Solids
+from fem_tfm.materials import Gas, Solids
 
 DRAGS = names("drag")
 
@@ -195,9 +195,8 @@ def test_minimum_fluidisation_by_ergun(diameter, density, viscosity, expected):
 
 def test_richardson_zaki_exponents_of_di_felice():
     """Hindered settling U = u_t a_g^n with n = 4.7 in Stokes' regime and 2.4 in Newton's."""
-    solids = Solids(2500.0, 1e-3)
-    for viscosity, n in ((1e3, 4.7), (1e-12, 2.35)):
-        law = at("di-felice", Gas(1.2, viscosity), solids)
+    for diameter, viscosity, n in ((1e-5, 1.0, 4.7), (1e-3, 1e-12, 2.35)):
+        law = at("di-felice", Gas(1.2, viscosity), Solids(2500.0, diameter))
 
         def settling(alpha, law=law):
             # slip where drag carries the weight of the grains in the mixture

@@ -9,7 +9,7 @@ import pytest
 
 from fem_tfm.closures import make, names
 from fem_tfm.closures.friction import Frictional
-from fem_tfm.closures.materials import Solids
+from fem_tfm.materials import Solids
 
 LAWS = names("friction")
 ACTIVE = [n for n in LAWS if n != "none"]

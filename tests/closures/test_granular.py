@@ -8,7 +8,7 @@ import pytest
 
 from fem_tfm.closures import make, names
 from fem_tfm.closures.granular import Kinetic, algebraic_theta, haff
-from fem_tfm.closures.materials import Solids
+from fem_tfm.materials import Solids
 
 LAWS = names("granular")
 DIAMETER = 0.05

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from fem_tfm.closures import make
-from fem_tfm.closures.turbulence import Eddies, realizable_slope
+from fem_tfm.closures.turbulence.gas import Eddies, realizable_slope
 
 LAWS = ("k-epsilon", "realizable")
 U_TAU, KAPPA = 0.3, 0.41

@@ -12,7 +12,7 @@ import pytest
 import ufl
 
 from fem_tfm.closures import make, names
-from fem_tfm.closures.reynolds_stress import Wall, production
+from fem_tfm.closures.turbulence.reynolds_stress import Wall, production
 from fem_tfm.errors import InputError
 
 LAWS = [name for name in names("reynolds-stress") if name != "k-epsilon"]

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fem_tfm.closures import make, names
-from fem_tfm.closures.materials import Solids
+from fem_tfm.materials import Solids
 
 # g0 at a = 0.1, 0.3, 0.5 with a_max = 0.63
 NUMBERS = {

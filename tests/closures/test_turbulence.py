@@ -8,8 +8,8 @@ import pytest
 from scipy.optimize import brentq
 
 from fem_tfm.closures import make, names
-from fem_tfm.closures.materials import Gas
-from fem_tfm.closures.turbulence import Eddies
+from fem_tfm.closures.turbulence.gas import Eddies
+from fem_tfm.materials import Gas
 
 WALL_UNITS = Gas(1.0, 1.0)
 

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from fem_tfm.closures import make, names
-from fem_tfm.closures.materials import Gas
-from fem_tfm.closures.walls import GasWallState, WallState
+from fem_tfm.closures.walls.gas import GasWallState
+from fem_tfm.closures.walls.solids import WallState
+from fem_tfm.materials import Gas
 
 SOLIDS_LAWS = names("solids-wall")
 GAS_LAWS = names("gas-wall")

@@ -64,6 +64,12 @@ def test_quantities_stand_beside_their_references() -> None:
     assert any(line[-4:] == ["4260", "Pa", "-5.8", "%"] for line in lines)
 
 
+def test_an_error_is_said_to_be_that_of_the_mesh() -> None:
+    assert "± mesh" in printed() and "inputs carry none" in printed()
+    unknown = {"pressure_drop": Quantity(4012.0, "Pa")}
+    assert "inputs carry none" not in printed(quantities=unknown)
+
+
 @pytest.mark.parametrize(
     "text",
     ["Ding 2024, case 3 [b]", "converged: dense flow, developed", "1 632 cells",

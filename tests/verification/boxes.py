@@ -12,8 +12,8 @@ from dolfinx import mesh as dmesh
 from mpi4py import MPI
 
 from fem_tfm import Case
-from fem_tfm.flows.unsteady import problem_of
-from fem_tfm.mesh import DuctGeometry, Mesh
+from fem_tfm.geometry.mesh import Mesh
+from fem_tfm.geometry.section import RectangularSection
 from fem_tfm.models.finite_volume import UnsteadyFlow
 
 TAGS = {"inlet": 1, "outlet": 2, "wall": 3, "symmetry": 4}
@@ -58,15 +58,17 @@ def box(
     cell_tags = dmesh.meshtags(domain, 3, inside, np.ones(inside.size, dtype=np.int32))
     domain.geometry.x[:, 1] += math.tan(math.radians(shear_deg)) * domain.geometry.x[:, 2]
     used = {name: tag for name, tag in TAGS.items() if name[0] in parts}
-    geometry = DuctGeometry(lengths[0], lengths[1], "none")
+    section = RectangularSection(lengths[0], lengths[1], "none")
     size = lengths[0] / cells[0]
-    return Mesh(domain, cell_tags, facet_tags, used, geometry, size, lengths[2])
+    return Mesh(domain, cell_tags, facet_tags, used, section, size, lengths[2])
 
 
 def case(mesh: Mesh, changes: Mapping[str, Any] | None = None, alone: bool = False) -> Case:
     """Air and 1 mm grains, or air alone, in a box without friction at its walls."""
-    geometry = mesh.geometry
-    values = {
+    geometry = mesh.section
+    values: dict[str, Any] = {
+        "solution": "unsteady",
+        "numerics": {"end_time": 1.0},
         "geometry": {
             "shape": "duct",
             "width": geometry.width,
@@ -82,7 +84,7 @@ def case(mesh: Mesh, changes: Mapping[str, Any] | None = None, alone: bool = Fal
     }
     if not alone:
         values["solids"] = GRAINS
-        values["operation"]["solids_fraction"] = 0.3
+        values["operation"] |= {"solids_fraction": 0.3, "solids_velocity": 1.0}
     return Case.from_dict(values).with_values(changes or {})
 
 
@@ -90,5 +92,5 @@ def flow(
     mesh: Mesh, changes: Mapping[str, Any] | None = None, alone: bool = False, order: int = 0
 ) -> UnsteadyFlow:
     """The flow of such a case, at rest."""
-    stated = case(mesh, {"numerics.order": order, **(changes or {})}, alone)
-    return UnsteadyFlow(problem_of(stated), mesh)
+    given = case(mesh, {"numerics.order": order, **(changes or {})}, alone)
+    return UnsteadyFlow(given.scene.problem(), mesh)

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,14 @@ from mpi4py import MPI
 
 from fem_tfm import Case
 from fem_tfm.fenics import compile_form
-from fem_tfm.flows.dense import setup_of
-from fem_tfm.flows.developed import solve_level, step_control
-from fem_tfm.flows.section import Section
-from fem_tfm.mesh import Mesh, geometry_of, resolution_of, section
-from fem_tfm.models.two_fluid import Domain, Numerics, State
+from fem_tfm.geometry.mesh import Mesh, section_mesh
+from fem_tfm.models.two_fluid.forms import Domain, Stabilisation, State
+from fem_tfm.models.two_fluid.section import TwoFluidSection
+from fem_tfm.scenes.dense import SCHEME, setup_of
+from fem_tfm.solvers.nested import QUIET, solve_level
 from fem_tfm.solvers.newton import BorderedNewton
 
-DEMO = Path(__file__).parents[2] / "demos" / "dense_pipe" / "case3.toml"
+DEMO = Path(__file__).parents[2] / "demos" / "dense_pipe" / "algebraic.toml"
 
 
 def demo(changes: Mapping[str, Any] | None = None) -> Case:
@@ -33,25 +34,26 @@ def demo(changes: Mapping[str, Any] | None = None) -> Case:
 
 def mesh_of(case: Case, cell: float) -> Mesh:
     """Mesh of a case; `cell` is the core cell over the hydraulic diameter."""
-    geometry = geometry_of(case)
-    given = {key: resolution_of(case)[key] for key in ("wall_ratio", "cells")}
-    return section(geometry, size=cell * geometry.hydraulic_diameter, **given)
+    physics = case.scene.physics
+    size = cell * physics.section.hydraulic_diameter
+    return section_mesh(
+        physics.section, replace(physics.resolution, mesh_size=size), MPI.COMM_WORLD
+    )
 
 
-def section_of(case: Case, cell: float) -> Section:
+def section_of(case: Case, cell: float) -> TwoFluidSection:
     """Section of a case on one mesh."""
-    return Section(mesh_of(case, cell), setup_of(case))
+    return TwoFluidSection(mesh_of(case, cell), setup_of(case.scene))
 
 
-def solved(case: Case, cell: float) -> Section:
+def solved(case: Case, cell: float) -> TwoFluidSection:
     """Section of a case at its steady state."""
     found = section_of(case, cell)
-    width = found.mesh.geometry.hydraulic_diameter
-    solve_level(found, step_control(found.setup, width, 1e-10, 200), None)
+    solve_level(found, SCHEME.control(found, 1e-10, 200), None, QUIET, SCHEME)
     return found
 
 
-def put(found: Section, state: State) -> None:
+def put(found: TwoFluidSection, state: State) -> None:
     """Interpolate a UFL state; what Dirichlet conditions hold is theirs."""
     for i, name in enumerate(found.names):
         space, dofs = found.space.sub(i).collapse()
@@ -72,7 +74,7 @@ class LoadedNewton(BorderedNewton):
     load : linear form L, assembled once with the present values of its constants
     """
 
-    def __init__(self, section: Section, load: Any) -> None:
+    def __init__(self, section: TwoFluidSection, load: Any) -> None:
         own = section.newton
         super().__init__(own.residual, own.jacobian, own.unknowns, own.bcs, own.borders, own.blocks)
         self.load = self.rhs.duplicate()
@@ -116,7 +118,6 @@ def square(cells: int, degree: int, kind: dmesh.CellType) -> tuple[Any, Domain]:
         normal=ufl.as_vector((n[0], n[1], 0.0)),
         wall_distance=distance(x),
         wall_offset=fem.Constant(mesh, OFFSET),
-        radius=fem.Constant(mesh, RADIUS),
         diameter=fem.Constant(mesh, 2 * RADIUS),
         wall_cell=fem.Constant(mesh, WALL_CELL),
         cell_area=fem.Constant(mesh, WALL_CELL**2),
@@ -133,7 +134,7 @@ def distance(x: Any) -> Any:
     return 0.3 + 0.2 * x[0] * x[1] - 0.1 * x[0] ** 2
 
 
-def plain_numerics(**changes: float) -> Numerics:
+def plain_numerics(**changes: float) -> Stabilisation:
     """Regularisations of order one, so that every term of the forms weighs."""
     values = {
         "alpha_diffusion": 0.1,
@@ -144,6 +145,8 @@ def plain_numerics(**changes: float) -> Numerics:
         "slip_floor": 0.1,
         "grain_gap": 0.0,
         "k_floor": 0.02,
+        "void_fraction": 0.1,
+        "max_frictional_viscosity": 1e30,
         "shear_floor": 0.1,
         "wall_penalty": 3.0,
         "wall_speed": 0.5,
@@ -151,4 +154,4 @@ def plain_numerics(**changes: float) -> Numerics:
         "relaxation": 0.3,
         "smoothing": 0.2,
     }
-    return Numerics(**{**values, **changes})
+    return Stabilisation(**{**values, **changes})

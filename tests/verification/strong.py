@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from fem_tfm.closures.materials import Gas, Solids
-from fem_tfm.closures.walls import WallState
-from fem_tfm.models.two_fluid import ClosureSet, Numerics
+from fem_tfm.closures.walls.solids import WallState
+from fem_tfm.materials import Gas, Solids
+from fem_tfm.models.two_fluid.forms import Stabilisation
+from fem_tfm.models.two_fluid.model import TwoFluid
 
 STEP = 1e-2
 WEIGHTS = {1: 3 / 4, 2: -3 / 20, 3: 1 / 60}
@@ -59,8 +60,8 @@ class Strong:
 
     gas: Gas
     solids: Solids
-    closures: ClosureSet
-    numerics: Numerics
+    closures: TwoFluid
+    numerics: Stabilisation
     gravity: np.ndarray
     distance: Field
     offset: float
@@ -101,6 +102,11 @@ class Strong:
         g0 = self.closures.radial.g0(alpha, self.solids)
         kinetic = self.closures.granular.coefficients(
             alpha, theta, g0, self.solids, 2 * self.radius
+        )
+        fade = alpha**2 / (alpha**2 + self.numerics.void_fraction**2)
+        kinetic = kinetic._replace(
+            shear_viscosity=fade * kinetic.shear_viscosity,
+            conductivity=fade * kinetic.conductivity,
         )
         shear = (strain**2).sum((0, 1))
         friction = self.closures.friction.stress(alpha, theta, shear, dilation, self.solids)

@@ -17,8 +17,8 @@ import ufl
 from dolfinx import fem
 
 from fem_tfm.fenics import compile_form
-from fem_tfm.flows.dense import balances
-from fem_tfm.flows.section import Section
+from fem_tfm.models.two_fluid.quantities import balances
+from fem_tfm.models.two_fluid.section import TwoFluidSection as Section
 
 EXACT = 1e-10
 # horizontal as the demo, uphill and straight down, gas alone; constants alone differ
@@ -106,7 +106,7 @@ def test_mass(which: str) -> None:
     assert abs(float(found.source.value)) * width / speed < EXACT
     case = problems.demo(CASES[which])
     held, area = found.integral("held", alpha), math.pi * width**2 / 8
-    assert held / found.area == pytest.approx(case.operation.solids_fraction, rel=EXACT)
+    assert held / found.area == pytest.approx(case["operation.solids_fraction"], rel=EXACT)
     gas = found.integral("gas flux", (1 - alpha) * state.u_g[2])
     assert gas == pytest.approx(speed * area, rel=EXACT)
 

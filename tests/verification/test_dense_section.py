@@ -14,8 +14,12 @@ from sections import DEMO, drive, factorisations, quantities, solve
 from fem_tfm import Case
 from fem_tfm.closures import names
 from fem_tfm.errors import SolverError
-from fem_tfm.flows import dense, developed, easing, start
-from fem_tfm.flows.section import MeshTerms, Section
+from fem_tfm.models.two_fluid import initial
+from fem_tfm.models.two_fluid.quantities import balances
+from fem_tfm.models.two_fluid.section import TwoFluidSection as Section
+from fem_tfm.scenes import dense
+from fem_tfm.solvers import easing, nested
+from fem_tfm.solvers.easing import MeshTerms
 
 BASE = Case.load(Path(__file__).parents[2] / DEMO)
 # models that the quick tests cover; each of the others costs its compilation and no more
@@ -27,7 +31,7 @@ FINE = 3321.58
 
 
 @functools.cache
-def solved(**changes: Any) -> developed.Solution:
+def solved(**changes: Any) -> nested.Solution:
     """Demo with changes; "a__b" stands for the key "a.b"."""
     return solve(BASE.with_values({key.replace("__", "."): v for key, v in changes.items()}))
 
@@ -50,13 +54,13 @@ def friction_case(name: str, level: int = 3) -> dict[str, Any]:
 def test_every_friction_model_converges_from_the_cold_start(name: str) -> None:
     """Down to an update of 1e-9 on every mesh, with balances closed and alpha_s below packing."""
     solution = solved(**friction_case(name))
-    assert len(solution.levels) == len(dense.mesh_sizes(BASE))
+    assert len(solution.levels) == len(BASE.scene.physics.meshes())
     assert solution.levels[-1].history.update <= 1e-9
-    assert max(dense.balances(solution.section).values()) < 1e-9
+    assert max(balances(solution.section).values()) < 1e-9
     found = quantities(solution)
     assert 0.245 < found["max_solids_fraction"] < 0.63
     assert found["holdup"] == pytest.approx(0.245, rel=1e-9)
-    assert drive(solution) == pytest.approx(solution.levels[-2].pressure_gradient, rel=0.02)
+    assert drive(solution) == pytest.approx(solution.levels[-2].drive, rel=0.02)
 
 
 def test_stiffer_friction_makes_a_looser_bed() -> None:
@@ -64,7 +68,7 @@ def test_stiffer_friction_makes_a_looser_bed() -> None:
     beds = [quantities(solved(**friction_case(n)))["max_solids_fraction"] for n in PAPER]
     assert beds[0] + 0.02 < beds[1]
     assert beds[1] + 0.02 < beds[2]
-    assert beds[0] > BASE.solids.friction_limit
+    assert beds[0] > BASE["solids.friction_limit"]
     gradients = {n: drive(solved(**friction_case(n))) for n in PAPER}
     assert max(gradients, key=gradients.get) == "dartevelle"
 
@@ -130,7 +134,7 @@ def test_whole_section_is_symmetric() -> None:
 def test_flux_feed_returns_the_holdup() -> None:
     """A flux equal to that of the hold-up feed gives its hold-up and G back."""
     given = solved(numerics__level=1)
-    velocity = quantities(given)["solids_mass_flow"] / (1700.0 * BASE.geometry.area)
+    velocity = quantities(given)["solids_mass_flow"] / (1700.0 * BASE.scene.geometry.area)
     changes = {"solids_fraction": None, "solids_superficial_velocity": velocity}
     case = BASE.with_values({f"operation.{k}": v for k, v in changes.items()})
     found = solve(case.with_values({"numerics.level": 1}))
@@ -142,10 +146,9 @@ def test_warm_start_is_cheap() -> None:
     """2 % more gas from the answer at hand: a quarter of the cold factorisations, the same G."""
     case = BASE.with_values({"operation.gas_superficial_velocity": 6.56})
     cold, given = solve(case), solved()
-    setup = dense.setup_of(case)
-    section = Section(given.section.mesh, setup)
-    control = developed.step_control(setup, BASE.geometry.hydraulic_diameter, 1e-9, 200)
-    history = developed.solve_level(section, control, given.section)
+    section = Section(given.section.mesh, case.scene.physics.setup())
+    control = dense.SCHEME.control(section, 1e-9, 200)
+    history = nested.solve_level(section, control, given.section, nested.QUIET, dense.SCHEME)
     assert history.update <= 1e-9
     assert float(section.drive.value) == pytest.approx(drive(cold), rel=1e-7)
     assert section.newton.factorisations <= sum(factorisations(cold)) / 4
@@ -155,10 +158,10 @@ def test_a_calm_flow_leads_to_the_same_answer() -> None:
     """From solids that the mesh's terms mix over the section, the branch ends at the cold G."""
     given = solved(numerics__level=1)
     section = Section(given.section.mesh, given.section.setup)
-    control = developed.step_control(section.setup, BASE.geometry.hydraulic_diameter, 1e-9, 100)
+    control = dense.SCHEME.control(section, 1e-9, 100)
     section.ease(MeshTerms(rate=10**easing.CALMEST))
-    start.calm(section)
-    easing.Calming(section, developed.march_of(section), control, Section.ease).run()
+    initial.calm(section)
+    easing.Calming(section, nested.march_of(section, nested.QUIET), control, Section.ease).run()
     assert not section.mesh_terms.raised and section.rougher is None
     assert float(section.drive.value) == pytest.approx(drive(given), rel=1e-6)
 
@@ -166,9 +169,9 @@ def test_a_calm_flow_leads_to_the_same_answer() -> None:
 @pytest.mark.slow
 def test_a_calm_start_of_solids_that_the_wall_holds() -> None:
     case = BASE.with_values({"walls.solids": "no-slip", "numerics.level": 1})
-    section = Section(dense.meshes(case)[0](), dense.setup_of(case))
-    start.calm(section)
-    alpha, speed = start.solids_guess(section)
+    section = Section(case.scene.physics.meshes()[0](), case.scene.physics.setup())
+    initial.calm(section)
+    alpha, speed = initial.solids_guess(section)
     state = section.state(section.now)
     moved = section.integral("moved", section.model.alpha(state) * state.u_s[2])
     assert moved / section.area == pytest.approx(alpha * speed, rel=0.02)
@@ -179,14 +182,14 @@ def test_a_calm_start_of_solids_that_the_wall_holds() -> None:
 def test_a_calm_flow_without_a_way_on_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     given = solved(numerics__level=1)
     section = Section(given.section.mesh, given.section.setup)
-    control = developed.step_control(section.setup, BASE.geometry.hydraulic_diameter, 1e-9, 100)
+    control = dense.SCHEME.control(section, 1e-9, 100)
     section.ease(MeshTerms(rate=10**easing.CALMEST))
-    start.calm(section)
+    initial.calm(section)
     monkeypatch.setattr(easing, "MOST_POINTS", 2)
     monkeypatch.setattr(easing, "MOST_LEAPS", 0)
     monkeypatch.setattr(easing, "LEAPS", ())
     with pytest.raises(SolverError, match="times the least rate"):
-        easing.Calming(section, developed.march_of(section), control, Section.ease).run()
+        easing.Calming(section, nested.march_of(section, nested.QUIET), control, Section.ease).run()
 
 
 def test_gradient_grows_with_holdup() -> None:
@@ -205,9 +208,9 @@ def test_gradient_grows_with_holdup() -> None:
 
 
 @functools.cache
-def duct(cells: str, level: int) -> developed.Solution:
+def duct(cells: str, level: int) -> nested.Solution:
     """The demo in a square duct of the same width."""
-    tables = BASE.model_dump(exclude_unset=True)
+    tables = BASE.given
     tables["geometry"] = {"shape": "duct", "width": 0.01}
     tables["numerics"] = {"cells": cells, "level": level}
     return solve(Case.from_dict(tables))
@@ -216,7 +219,7 @@ def duct(cells: str, level: int) -> developed.Solution:
 def test_square_duct_on_quadrilaterals() -> None:
     solution = duct("quadrilateral", 3)
     assert solution.levels[-1].history.update <= 1e-9
-    assert max(dense.balances(solution.section).values()) < 1e-9
+    assert max(balances(solution.section).values()) < 1e-9
     assert quantities(solution)["gas_mass_flow"] == pytest.approx(33.5 * 6.43 * 1e-4, rel=1e-9)
     assert drive(solution) == pytest.approx(drive(duct("quadrilateral", 5)), rel=0.015)
     # the same hydraulic diameter: close to the pipe, and not the pipe

@@ -11,13 +11,15 @@ import numpy as np
 import problems
 import pytest
 from mpi4py import MPI
-from sections import prandtl_karman
+from sections import line_of, march, prandtl_karman
 
 from fem_tfm import Case
 from fem_tfm.errors import SolverError
-from fem_tfm.flows import dense, developing
-from fem_tfm.flows.station import Station
 from fem_tfm.interpolation import point_values
+from fem_tfm.models.line import Line
+from fem_tfm.models.two_fluid.line import TwoFluidLine
+from fem_tfm.models.two_fluid.quantities import quantities
+from fem_tfm.models.two_fluid.section import TwoFluidSection
 from fem_tfm.output import checkpoint
 from fem_tfm.output.result import Result
 
@@ -48,7 +50,7 @@ def gas(reynolds: float, length: float, **tables: Any) -> Case:
 
 
 @functools.cache
-def entrance() -> developing.Line:
+def entrance() -> Line:
     """A uniform laminar stream that becomes a parabola."""
     laminar = {
         "closures": {"turbulence": "laminar"},
@@ -56,7 +58,7 @@ def entrance() -> developing.Line:
         "inlet": {"profile": "uniform"},
         "numerics": {"axial_step": 0.1},
     }
-    return developing.solve(gas(REYNOLDS, 0.15 * REYNOLDS, **laminar))
+    return march(gas(REYNOLDS, 0.15 * REYNOLDS, **laminar))
 
 
 def test_laminar_entrance_ends_as_a_parabola() -> None:
@@ -98,7 +100,7 @@ def test_laminar_entrance_is_in_balance() -> None:
 def test_turbulent_gas_ends_on_the_developed_friction(law: str) -> None:
     """From the 1/7 power to the friction of a smooth pipe, within 3 % of Prandtl-Karman."""
     laws = {"turbulence": law}
-    line = developing.solve(gas(1e5, 100.0, closures=laws, numerics={"level": 1}))
+    line = march(gas(1e5, 100.0, closures=laws, numerics={"level": 1}))
     found = line.quantities()
     friction = 2 * SIZE * found["pressure_gradient"] / (DENSITY * VELOCITY**2)
     assert friction == pytest.approx(prandtl_karman(1e5), rel=0.03)
@@ -111,7 +113,7 @@ def test_turbulence_decays_as_behind_a_grid() -> None:
     diameters, intensity, scale = 2.0, 0.1, 0.02
     inlet = {"profile": "uniform", "gas_intensity": intensity, "length_scale": scale}
     parts = {"closures": {"turbulence": "k-epsilon"}, "numerics": {"level": 1}}
-    station = developing.solve(gas(1e5, diameters, inlet=inlet, **parts)).station
+    station = march(gas(1e5, diameters, inlet=inlet, **parts)).station
     k = point_values(station.fields()["k"], np.zeros((1, 2)))[0]
     k_0 = 1.5 * (intensity * VELOCITY) ** 2
     turns = 0.09**0.75 * np.sqrt(k_0) / scale * diameters / VELOCITY
@@ -128,27 +130,27 @@ def line(**changes: Any) -> Case:
 
 
 @functools.cache
-def long_line() -> developing.Line:
+def long_line() -> Line:
     """800 diameters of the demo, in long steps where little happens."""
-    return developing.solve(line(geometry__length=8.0, numerics__axial_step=0.4))
+    return march(line(geometry__length=8.0, numerics__axial_step=0.4))
 
 
 def test_what_enters_is_what_was_given() -> None:
     """Eqs. (20), (21): power 1/7, the fluxes of the feed exactly, uniform alpha_s and Theta."""
     case = line()
-    start = developing.Line(case, dense.meshes(case)[-1]())
+    start = line_of(case)
     start.begin()
-    row, area = start.rows[0], case.geometry.area
+    row, area = start.rows[0], case.scene.geometry.area
     assert row["solids_mass_flow"] == pytest.approx(1700 * 0.245 * 6.09 * area, rel=1e-12)
     assert row["gas_mass_flow"] == pytest.approx(33.5 * 6.43 * area, rel=1e-12)
     assert row["holdup"] == pytest.approx(0.245, rel=1e-12)
-    floor = case.numerics.theta_floor
+    floor = case["numerics.theta_floor"]
     assert row["max_theta"] == pytest.approx((0.05 * 6.09) ** 2 + floor, rel=1e-12)
     u = start.station.fields()["u_s"]
     x, speed = u.function_space.tabulate_dof_coordinates(), u.x.array.reshape(-1, 3)
     r = np.hypot(x[:, 0], x[:, 1])
-    inside = r < 0.98 * case.geometry.diameter / 2
-    shape = (1 - 2 * r[inside] / case.geometry.diameter) ** (1 / 7)
+    inside = r < 0.98 * case["geometry.diameter"] / 2
+    shape = (1 - 2 * r[inside] / case["geometry.diameter"]) ** (1 / 7)
     ratio = speed[inside, 2] / shape
     assert np.ptp(ratio) < 1e-6 * ratio.mean()
     # the mean of the power law is 49/60; the coarse mesh knows it to 3 %
@@ -159,7 +161,7 @@ def test_what_enters_is_what_was_given() -> None:
 def test_turbulence_that_enters() -> None:
     """k = 3/2 (I u)^2 and eps = C_mu^0.75 k^1.5/l of both phases, at their mean velocities."""
     case = line(**FOUR, inlet__gas_intensity=0.08, inlet__length_scale=0.05)
-    start = developing.Line(case, dense.meshes(case)[-1]())
+    start = line_of(case)
     start.begin()
     found = start.station.fields()
     for phase, speed, intensity in (("", 6.43 / (1 - 0.245), 0.08), ("_s", 6.09, 0.05)):
@@ -183,13 +185,13 @@ def test_the_line_ends_on_the_developed_section() -> None:
     """G, hold-up and bed of the section with the same fluxes; the bed formed on the way."""
     found = long_line()
     case = problems.demo(COARSE | {"solution": "developed"})
-    wanted = dense.quantities(problems.solved(case, 1 / 4), 1.0)
+    wanted = quantities(problems.solved(case, 1 / 4), 1.0)
     got = found.quantities()
     for name in ("pressure_gradient", "holdup", "max_solids_fraction", "slip_velocity"):
         assert got[name] == pytest.approx(wanted[name], rel=0.01), name
     assert got["pressure_gradient"] == pytest.approx(wanted["pressure_gradient"], rel=2e-3)
     assert found.rows[0]["bed_height"] == 0
-    assert 0.2 < got["bed_height"] / case.geometry.diameter < 0.6
+    assert 0.2 < got["bed_height"] / case["geometry.diameter"] < 0.6
     # the grains speed up in the first diameters, which costs more than friction does
     assert got["entrance_pressure_drop"] > 1e3
     assert 1.0 < got["development_length"] < 8.0
@@ -208,7 +210,7 @@ def test_the_developed_section_is_a_station_like_the_ones_before() -> None:
     """With itself upstream the developed answer solves the station's equations."""
     case = problems.demo({"operation.solids_mass_flow": 0.194})
     answer = problems.solved(case, 1 / 4)
-    station = Station(answer.mesh, dense.setup_of(case))
+    station = TwoFluidSection(answer.mesh, case.scene.physics.setup(), develops=True)
     for function in (station.now, station.old, station.older):
         function.x.array[:] = answer.now.x.array
     station.drive.value = float(answer.drive.value)
@@ -223,7 +225,7 @@ def test_the_developed_section_is_a_station_like_the_ones_before() -> None:
 def test_jacobian_of_a_station(chosen: dict[str, Any]) -> None:
     """Against finite differences in a random direction, with stations that differ."""
     case = line(**chosen)
-    start = developing.Line(case, dense.meshes(case)[-1]())
+    start = line_of(case)
     start.begin()
     station, random = start.station, np.random.default_rng(1)
     x = station.now.x.array
@@ -252,30 +254,15 @@ def test_jacobian_of_a_station(chosen: dict[str, Any]) -> None:
 # -- runs --------------------------------------------------------------------------------------
 
 
-class Stopper(developing.Observer):
-    """Saves every station and interrupts the run after some of them."""
-
-    def __init__(self, directory: Path, stations: int) -> None:
-        self.directory = directory
-        self.left = stations
-
-    def station(self, line: developing.Line, stop: Any) -> None:
-        """Save, and interrupt if it is time."""
-        line.save(self.directory)
-        self.left -= 1
-        if not self.left:
-            raise KeyboardInterrupt
-
-
 @pytest.mark.parametrize("chosen", [{}, FOUR], ids=["mixing-length", "four-equation"])
 def test_a_resumed_line_is_the_same(tmp_path: Path, chosen: dict[str, Any]) -> None:
     """To the last digit: both stations, the sums and the step are kept."""
     case = line(geometry__length=0.005, **chosen)
-    whole = developing.solve(case)
+    whole = march(case)
     with pytest.raises(KeyboardInterrupt):
-        developing.solve(case, Stopper(tmp_path, 9))
+        march(case, tmp_path, most=9)
     assert 0 < checkpoint.numbers(tmp_path)["z"] < 0.004
-    rest = developing.solve(case, resume=tmp_path)
+    rest = march(case, tmp_path, resume=True)
     assert len(rest.rows) == len(whole.rows) > 15
     for name in whole.rows[-1]:
         assert rest.rows[-1][name] == pytest.approx(whole.rows[-1][name], rel=1e-12), name
@@ -288,15 +275,15 @@ def test_an_interrupted_run_keeps_its_last_station(
     """Cut short within a step: the stations so far are written, and resuming ends the line."""
     case = line(geometry__length=1e-3, output__stations=4, output__pictures=False)
     whole = case.run(tmp_path / "whole")
-    check, calls = developing.Line.back_flow, []
+    check, calls = TwoFluidLine.back_flow, []
 
-    def interrupted(self: developing.Line) -> str:
+    def interrupted(self: TwoFluidLine) -> str:
         calls.append(check(self))
         if len(calls) == 6:
             raise KeyboardInterrupt
         return calls[-1]
 
-    monkeypatch.setattr(developing.Line, "back_flow", interrupted)
+    monkeypatch.setattr(TwoFluidLine, "back_flow", interrupted)
     with pytest.raises(KeyboardInterrupt):
         case.run(tmp_path / "cut")
     assert Result.read(tmp_path / "cut").status == "interrupted"
@@ -346,10 +333,10 @@ def test_a_run_writes_its_axis(tmp_path: Path) -> None:
 def test_ranks_agree_on_a_line(chosen: dict[str, Any]) -> None:
     """All ranks together and each alone find the same end of a short line."""
     case = line(geometry__length=0.001, **chosen)
-    together = developing.solve(case).quantities()
-    alone = developing.Line(case, dense.meshes(case, MPI.COMM_SELF)[-1]())
+    together = march(case).quantities()
+    alone = line_of(case, MPI.COMM_SELF)
     alone.begin()
-    alone.march(developing.QUIET)
+    alone.march()
     for name, value in alone.quantities().items():
         assert together[name] == pytest.approx(value, rel=1e-8), name
 
@@ -359,9 +346,9 @@ def test_ranks_agree_on_a_line(chosen: dict[str, Any]) -> None:
 def test_a_line_with_transported_turbulence_ends_on_the_developed_section(law: str) -> None:
     """Gradient and hold-up of the section with the same fluxes."""
     long = line(closures__turbulence=law, geometry__length=10.0, numerics__axial_step=0.4)
-    found = developing.solve(long)
+    found = march(long)
     case = problems.demo(COARSE | {"solution": "developed", "closures.turbulence": law})
-    wanted = dense.quantities(problems.solved(case, 1 / 4), 1.0)
+    wanted = quantities(problems.solved(case, 1 / 4), 1.0)
     for name in ("pressure_gradient", "holdup"):
         assert found.quantities()[name] == pytest.approx(wanted[name], rel=1e-3), name
     assert max(found.balances().values()) < EXACT
@@ -370,10 +357,10 @@ def test_a_line_with_transported_turbulence_ends_on_the_developed_section(law: s
 @pytest.mark.slow
 def test_the_line_of_the_paper() -> None:
     """2.4 m on the default mesh; then on to where it is developed, the same G within 1 %."""
-    found = developing.solve(line(numerics__mesh_size=None))
+    found = march(line(numerics__mesh_size=None))
     assert found.rows[-1]["z"] == 2.4
     assert max(found.balances().values()) < EXACT
-    far = developing.solve(line(numerics__mesh_size=None, geometry__length=8.0)).quantities()
+    far = march(line(numerics__mesh_size=None, geometry__length=8.0)).quantities()
     case = problems.demo(COARSE | {"solution": "developed", "numerics.mesh_size": None})
     wanted = case.run()
     for name in ("pressure_gradient", "holdup"):

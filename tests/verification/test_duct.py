@@ -10,12 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
+from sections import march, solve
 
-from fem_tfm import Case, sweep
+from fem_tfm import Case
 from fem_tfm.correlations import gnielinski, jones_friction, smooth_friction
 from fem_tfm.errors import InputError, SolverError
-from fem_tfm.flows import developed, developing, duct, duct_developing, duct_start
-from fem_tfm.flows.duct_section import DuctSection
+from fem_tfm.models.line import Line
+from fem_tfm.models.reynolds_stress import initial
+from fem_tfm.models.reynolds_stress.section import ReynoldsStressSection
+from fem_tfm.scenes import duct
+from fem_tfm.solvers import nested
+from fem_tfm.study import sweep
 
 BASE = {
     "flow": "duct",
@@ -36,8 +41,8 @@ def case(**changes: Any) -> Case:
 
 
 @functools.cache
-def solved(**changes: Any) -> developed.Solution:
-    return duct.solve(case(**changes))
+def solved(**changes: Any) -> nested.Solution:
+    return solve(case(**changes))
 
 
 @functools.cache
@@ -138,7 +143,7 @@ def test_printed_constants_can_be_chosen() -> None:
         "closures.reynolds_stress": {"model": "lrr", "C_mu": 0.09},
         "walls.function": {"model": "equilibrium", "C_mu": 0.09},
     }
-    solution = duct.solve(case().with_values(laws))
+    solution = solve(case().with_values(laws))
     found = duct.quantities(solution.section, 1.2, 16.0)["friction_factor"]
     assert found == pytest.approx(told()["friction_factor"], rel=0.02)
     assert found != pytest.approx(told()["friction_factor"], rel=1e-4)
@@ -147,11 +152,10 @@ def test_printed_constants_can_be_chosen() -> None:
 def test_numbers_change_without_new_forms() -> None:
     """Another speed on the same section gives what a new section gives."""
     faster = {"numerics__mesh_size": 0.06, "operation__gas_superficial_velocity": 26.0}
-    section = duct.solve(case(numerics__mesh_size=0.06)).section
-    setup = duct.setup_of(case(**faster))
-    section.update(setup)
-    control = duct.step_control(setup, 0.2, 1e-9, 50)
-    developed._march(section, control, developed.QUIET).run(first=control.largest)
+    section = solve(case(numerics__mesh_size=0.06)).section
+    section.update(case(**faster).scene.physics.setup())
+    control = duct.SCHEME.control(section, 1e-9, 50)
+    nested.march_of(section, nested.QUIET)(control).run(first=control.largest)
     expected = told(**faster)
     for name, value in duct.quantities(section, 1.2, 16.0).items():
         assert value == pytest.approx(expected[name], rel=1e-7), name
@@ -171,7 +175,7 @@ def test_cold_start_needs_no_guess(reynolds: float, aspect: float) -> None:
         numerics__mesh_size=None,
         numerics__level=2,
     )
-    solution = duct.solve(given)
+    solution = solve(given)
     duct.checked_balances(solution.section)
     friction = duct.quantities(solution.section, 1.2, 16.0)["friction_factor"]
     assert friction == pytest.approx(jones_friction(reynolds, width, 0.2), rel=0.12)
@@ -183,14 +187,16 @@ def test_pipe() -> None:
     given = Case.from_dict(
         {**BASE, "geometry": {"shape": "pipe", "diameter": 0.2}, "numerics": {"level": 2}}
     )
-    solution = duct.solve(given)
+    solution = solve(given)
     found = duct.quantities(solution.section, 1.2, 1.0)
-    assert found["friction_factor"] == pytest.approx(smooth_friction(given.reynolds), rel=0.06)
+    assert found["friction_factor"] == pytest.approx(
+        smooth_friction(given.scene.reynolds), rel=0.06
+    )
     assert found["secondary_velocity_max"] < 2e-3
 
 
 def test_a_stress_that_cannot_be_is_no_answer() -> None:
-    section = duct.solve(case(numerics__mesh_size=0.06)).section
+    section = solve(case(numerics__mesh_size=0.06)).section
     assert duct.smallest_stress(section) > 0.1
     r = section.unknown("r")
     # R_xz^2 above R_xx R_zz
@@ -202,8 +208,9 @@ def test_a_stress_that_cannot_be_is_no_answer() -> None:
 
 def test_jacobian_is_the_derivative_of_the_residual() -> None:
     """Differences along a random direction, block by block, at a state off the solution."""
-    section = DuctSection(duct.meshes(case(numerics__mesh_size=0.08))[-1](), duct.setup_of(case()))
-    duct_start.cold(section)
+    scene = case(numerics__mesh_size=0.08).scene
+    section = ReynoldsStressSection(scene.mesh(), scene.physics.setup())
+    initial.cold(section)
     section.idt.value = 3.0
     section.old.x.array[:] = 0.9 * section.now.x.array
     newton, start = section.newton, section.now.x.array.copy()
@@ -238,9 +245,9 @@ def test_jacobian_is_the_derivative_of_the_residual() -> None:
 def test_heat(wall: str) -> None:
     """Balance to round-off, Nu near Gnielinski's, Pr_t of the log layer at the wall."""
     given = case(heat={"wall": wall, "prandtl": 0.71})
-    heat, found = duct.developed_heat(given, solved().section)
+    heat, found = duct.developed_heat(given.scene, solved().section)
     assert heat.balance() < 1e-10
-    assert found["nusselt"] == pytest.approx(gnielinski(given.reynolds, 0.71), rel=0.12)
+    assert found["nusselt"] == pytest.approx(gnielinski(given.scene.reynolds, 0.71), rel=0.12)
     assert found["turbulent_prandtl_wall"] == pytest.approx(0.79, abs=0.15)
     assert 0.3 < found["turbulent_prandtl_axis"] < 0.7
 
@@ -248,7 +255,7 @@ def test_heat(wall: str) -> None:
 def test_a_wall_of_one_temperature_gives_less_than_one_of_one_flux() -> None:
     section = solved().section
     values = [
-        duct.developed_heat(case(heat={"wall": wall}), section)[1]["nusselt"]
+        duct.developed_heat(case(heat={"wall": wall}).scene, section)[1]["nusselt"]
         for wall in ("temperature", "flux")
     ]
     assert 0.97 < values[0] / values[1] < 1.0
@@ -258,7 +265,7 @@ def test_a_wall_of_one_temperature_gives_less_than_one_of_one_flux() -> None:
 
 
 @functools.cache
-def marched(length: float, size: float) -> duct_developing.DuctLine:
+def marched(length: float, size: float) -> Line:
     given = case(
         solution="developing",
         geometry__length=length,
@@ -266,7 +273,7 @@ def marched(length: float, size: float) -> duct_developing.DuctLine:
         inlet={"gas_intensity": 0.05},
         heat={"wall": "temperature", "wall_temperature": 350.0},
     )
-    return duct_developing.solve(given)
+    return march(given)
 
 
 def test_a_march_conserves_mass_and_heat() -> None:
@@ -290,7 +297,7 @@ def test_a_march_ends_on_the_developed_solution() -> None:
         assert found[name] == pytest.approx(expected[name], rel=5e-3), name
     assert 1.17 < found["overshoot"] < 1.19
     assert 25 < found["overshoot_diameters"] < 40
-    heat = duct.developed_heat(case(heat={"wall": "temperature"}), solved().section)[1]
+    heat = duct.developed_heat(case(heat={"wall": "temperature"}).scene, solved().section)[1]
     assert found["nusselt"] == pytest.approx(heat["nusselt"], rel=5e-3)
     assert max(line.balances().values()) < 1e-9
 
@@ -304,16 +311,10 @@ def test_an_interrupted_march_goes_on(tmp_path: Any) -> None:
         heat={"wall": "flux", "wall_flux": 500.0},
     )
 
-    class Stopper(developing.Observer):
-        def station(self, line: Any, stop: Any) -> None:
-            line.save(tmp_path)
-            if len(line.rows) == 6:
-                raise KeyboardInterrupt
-
-    whole = duct_developing.solve(given)
+    whole = march(given)
     with pytest.raises(KeyboardInterrupt):
-        duct_developing.solve(given, Stopper())
-    resumed = duct_developing.solve(given, resume=tmp_path)
+        march(given, tmp_path, most=5)
+    resumed = march(given, tmp_path, resume=True)
     assert len(resumed.rows) == len(whole.rows)
     for name, value in whole.quantities().items():
         assert resumed.quantities()[name] == pytest.approx(value, rel=1e-7), name

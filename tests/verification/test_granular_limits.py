@@ -15,13 +15,13 @@ from dolfinx import fem
 from dolfinx.mesh import CellType
 
 from fem_tfm.closures import make
-from fem_tfm.closures.materials import Gas, Solids
 from fem_tfm.fenics import compile_form
-from fem_tfm.flows.dense import setup_of
+from fem_tfm.materials import Gas, Solids
 from fem_tfm.models.axis import DevelopedAxis
-from fem_tfm.models.two_fluid import State, TwoFluid
+from fem_tfm.models.two_fluid.forms import State, TwoFluidForms
+from fem_tfm.scenes.dense import setup_of
 from fem_tfm.solvers.newton import Block, BorderedNewton
-from fem_tfm.solvers.pseudo_time import PseudoTime, StepControl
+from fem_tfm.solvers.pseudo_time import PseudoTime, PseudoTimeControl
 
 DIAMETER, SHEAR = 1e-3, 40.0
 # e, alpha_s: Theta/(d rate)^2, p/(rho_s d^2 rate^2), tau/(rho_s d^2 rate^2) of Lun's energy balance
@@ -50,15 +50,17 @@ class Cell:
     def __init__(self, theta: str) -> None:
         mesh, domain = problems.square(2, 5, CellType.triangle)
         laws = replace(
-            setup_of(problems.demo()).closures,
+            setup_of(problems.demo().scene).model,
             radial=make("radial", "carnahan-starling"),
             friction=make("friction", "none"),
             solids_wall=make("solids-wall", "free-slip"),
             theta=theta,
         )
-        self.numerics = problems.plain_numerics(alpha_diffusion=0.0, theta_floor=0.0)
+        self.numerics = problems.plain_numerics(
+            alpha_diffusion=0.0, theta_floor=0.0, void_fraction=0.0
+        )
         # gas so thin that it neither heats nor cools: 3 beta/gamma is below 1e-12
-        model = TwoFluid(
+        model = TwoFluidForms(
             problems.constants(mesh, Gas(1e-12, 1e-20)),
             problems.constants(mesh, Solids(2500.0, DIAMETER)),
             problems.constants(mesh, laws),
@@ -144,7 +146,7 @@ def test_simple_shear_is_found(e: float, alpha: float, theta: str) -> None:
     found.prescribe(e, alpha, SHEAR)
     found.c.interpolate(lambda x: 3e-3 * np.exp(x[0] - 0.5 * x[1]))
     # below a third of the answer Newton alone runs away, as production grows faster than loss
-    control = StepControl(first=1 / SHEAR, smallest=1e-6, largest=1e8)
+    control = PseudoTimeControl(first=1 / SHEAR, smallest=1e-6, largest=1e8)
     PseudoTime(found.newton, found.old, found.idt, control).run()
     theta = found.c.x.array**2
     scale = (DIAMETER * SHEAR) ** 2

@@ -16,12 +16,13 @@ from dolfinx import fem
 from dolfinx.mesh import CellType
 from strong import Exact, Strong, divergence
 
-from fem_tfm.closures.materials import Gas, Solids
 from fem_tfm.fenics import compile_form
-from fem_tfm.flows.dense import setup_of
-from fem_tfm.flows.section import Section
+from fem_tfm.materials import Gas, Solids
 from fem_tfm.models.axis import DevelopedAxis
-from fem_tfm.models.two_fluid import ClosureSet, Numerics, State, TwoFluid
+from fem_tfm.models.two_fluid.forms import Stabilisation, State, TwoFluidForms
+from fem_tfm.models.two_fluid.model import TwoFluid
+from fem_tfm.models.two_fluid.section import TwoFluidSection as Section
+from fem_tfm.scenes.dense import setup_of
 
 SPEED, DRIVE, SOURCE = 5.0, 5e4, 3.0
 # numbers for which every term counts and none has a layer thinner than the coarsest cells; blends
@@ -49,7 +50,7 @@ EXPECTED = {"u_g": 2.7, "p": 1.9, "u_s": 2.7, "q": 2.0, "c": 2.7}
 
 def exact(found: Section) -> State:
     """Even in x but for u_x, which is odd; nothing goes through the wall."""
-    x, geometry = ufl.SpatialCoordinate(found.mesh.mesh), found.mesh.geometry
+    x, geometry = ufl.SpatialCoordinate(found.mesh.mesh), found.mesh.section
     if hasattr(geometry, "diameter"):
         a, b = (2 * x[i] / geometry.diameter for i in range(2))
         bubble = across = along = 1 - a * a - b * b
@@ -198,10 +199,10 @@ def weight(x: Any) -> Any:
 class Weak:
     """All weak forms at the smooth state, tested with `weight` in one component at a time."""
 
-    def __init__(self, closures: ClosureSet, numerics: Numerics) -> None:
+    def __init__(self, closures: TwoFluid, numerics: Stabilisation) -> None:
         mesh, domain = problems.square(8, 9, CellType.quadrilateral)
         self.switches = [fem.Constant(mesh, 0.0) for _ in COMPONENTS]
-        model = TwoFluid(
+        model = TwoFluidForms(
             problems.constants(mesh, GAS),
             problems.constants(mesh, SOLIDS),
             problems.constants(mesh, closures),
@@ -224,7 +225,10 @@ class Weak:
         return float(fem.assemble_scalar(self.form))
 
 
-GAS, SOLIDS = Gas(1.5, 0.05), Solids(4.0, 0.2, friction_limit=0.3, friction_angle=0.5)
+GAS, SOLIDS = (
+    Gas(1.5, 0.05),
+    Solids(4.0, 0.2, friction_limit=0.3, friction_angle_deg=28.648),
+)
 SMOOTH = {
     "closures.drag.width": 0.2,
     "closures.friction.width": 0.1,
@@ -270,7 +274,7 @@ def test_weak_forms_are_the_stated_equations(feeds: bool) -> None:
 
     Flow goes through the walls and nothing is steady, so every term is there, at order one.
     """
-    laws = setup_of(problems.demo(SMOOTH)).closures
+    laws = setup_of(problems.demo(SMOOTH).scene).model
     laws = replace(laws, friction_feeds_theta=feeds)
     numerics = problems.plain_numerics()
     weak = Weak(laws, numerics)

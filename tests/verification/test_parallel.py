@@ -10,7 +10,7 @@ from mpi4py import MPI
 from sections import DEMO, factorisations, quantities, solve
 
 from fem_tfm import Case
-from fem_tfm.flows import dense
+from fem_tfm.models.two_fluid.quantities import balances
 
 
 @pytest.mark.mpi
@@ -23,7 +23,7 @@ def test_ranks_agree_with_a_serial_run(level: int) -> None:
     expected = quantities(alone)
     for name, value in quantities(together).items():
         assert value == pytest.approx(expected[name], rel=1e-8), name
-    assert max(dense.balances(together.section).values()) < 1e-9
+    assert max(balances(together.section).values()) < 1e-9
     assert together.section.dofs == alone.section.dofs
     # round-off may decide on a last step
     counts = zip(factorisations(together), factorisations(alone), strict=True)
@@ -34,7 +34,7 @@ def test_ranks_agree_with_a_serial_run(level: int) -> None:
 def test_ranks_share_the_mesh() -> None:
     """Every rank owns some of the unknowns, and all of them are owned once."""
     case = Case.load(Path(__file__).parents[2] / DEMO).with_values({"numerics.level": 1})
-    mesh = dense.meshes(case)[-1]()
+    mesh = case.scene.mesh()
     owned = mesh.mesh.topology.index_map(2).size_local
     shares = MPI.COMM_WORLD.allgather(owned)
     assert sum(shares) == mesh.num_cells

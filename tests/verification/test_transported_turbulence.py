@@ -7,6 +7,7 @@ import functools
 import gc
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,17 +22,19 @@ from test_gas_alone import DENSITY, SIZE, VELOCITY, darcy, gas_case
 from test_jacobian import TOLERANCE, compare
 
 from fem_tfm.bench import stress
-from fem_tfm.closures.dispersed import GasEddies, Grains
-from fem_tfm.closures.materials import Gas, Solids
-from fem_tfm.closures.turbulence import Eddies, realizable_slope
+from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
+from fem_tfm.closures.turbulence.gas import Eddies, realizable_slope
 from fem_tfm.fenics import compile_form
-from fem_tfm.flows import dense, developed, start
-from fem_tfm.flows.dense import setup_of
-from fem_tfm.flows.section import Section
 from fem_tfm.interpolation import point_values
-from fem_tfm.mesh import resolution_of
+from fem_tfm.materials import Gas, Solids
 from fem_tfm.models.axis import DevelopedAxis
-from fem_tfm.models.two_fluid import State, TwoFluid
+from fem_tfm.models.two_fluid import initial
+from fem_tfm.models.two_fluid.forms import State, TwoFluidForms
+from fem_tfm.models.two_fluid.quantities import balances
+from fem_tfm.models.two_fluid.section import TwoFluidSection as Section
+from fem_tfm.scenes import dense
+from fem_tfm.scenes.dense import setup_of
+from fem_tfm.solvers import nested
 
 LAWS = ("k-epsilon", "realizable")
 FOUR = {
@@ -121,8 +124,8 @@ def wall_units(solution: Any, reynolds: float, lowest: float) -> tuple[np.ndarra
 def resolved(reynolds: float, factor: float = 1.0) -> Any:
     """Solution without a wall function; `factor` times the default distance on the same mesh."""
     case = gas_case(reynolds, closures={"turbulence": "k-epsilon"}, walls={"gas": "low-reynolds"})
-    ratio = resolution_of(case)["wall_ratio"]
-    changed = {"walls.distance": factor * case.wall_distance, "numerics.wall_grading": ratio}
+    ratio = case.scene.physics.resolution.wall_ratio
+    changed = {"walls.distance": factor * case.scene.wall_offset, "numerics.wall_grading": ratio}
     return solve(case.with_values(changed))
 
 
@@ -145,7 +148,10 @@ def test_the_sublayer_is_the_same_from_any_height_in_it(factor: float) -> None:
 
 # -- weak against strong -----------------------------------------------------------------------
 
-GAS, SOLIDS = Gas(1.5, 0.05), Solids(4.0, 0.2, friction_limit=0.3, friction_angle=0.5)
+GAS, SOLIDS = (
+    Gas(1.5, 0.05),
+    Solids(4.0, 0.2, friction_limit=0.3, friction_angle_deg=28.648),
+)
 SMOOTH = {"closures.drag.width": 0.2, "closures.friction.width": 0.1}
 SCALES = ("ln_k", "ln_eps", "ln_k_s", "ln_eps_s")
 IDT = 0.8
@@ -217,6 +223,7 @@ class Strong:
         speed = np.sqrt((slip**2).sum(0) + self.numerics.slip_floor**2)
         g0 = laws.radial.g0(alpha, SOLIDS)
         kinetic = laws.granular.coefficients(alpha, theta, g0, SOLIDS, 2 * problems.RADIUS)
+        fade = alpha**2 / (alpha**2 + self.numerics.void_fraction**2)
         own = self.rates(u_s, "ln_k_s", "ln_eps_s", problems.distance(x), 1.0, x)
         grains = Grains(
             alpha,
@@ -226,7 +233,7 @@ class Strong:
             speed,
             -(slip * gradient(fraction, x)).sum(0) / alpha,
             SOLIDS,
-            kinetic.shear_viscosity / (alpha * SOLIDS.density),
+            fade * kinetic.shear_viscosity / (alpha * SOLIDS.density),
             own,
         )
         return alpha, slope, eddies, gas, grains
@@ -280,12 +287,12 @@ class Strong:
 @pytest.mark.parametrize("chosen", [FOUR, SIMONIN], ids=["four-equation", "simonin"])
 def test_weak_forms_are_the_stated_equations(chosen: dict[str, Any]) -> None:
     """Every scale's weak form against its strong balance in numpy, every term of order one."""
-    laws = setup_of(problems.demo(SMOOTH | chosen)).closures
+    laws = setup_of(problems.demo(SMOOTH | chosen).scene).model
     numerics = problems.plain_numerics()
     mesh, domain = problems.square(8, 9, CellType.quadrilateral)
     names = laws.turbulence.transported + laws.dispersed.transported
     switches = {name: fem.Constant(mesh, 0.0) for name in SCALES}
-    model = TwoFluid(
+    model = TwoFluidForms(
         problems.constants(mesh, GAS),
         problems.constants(mesh, SOLIDS),
         problems.constants(mesh, laws),
@@ -314,7 +321,7 @@ def test_weak_forms_are_the_stated_equations(chosen: dict[str, Any]) -> None:
 def disturbed(changes: dict[str, Any]) -> Section:
     """A cold state with every unknown moved, within a time step."""
     found = problems.section_of(problems.demo(changes), 1 / 4)
-    start.cold(found)
+    initial.cold(found)
     found.old.x.array[:] = found.now.x.array
     random = np.random.default_rng(3)
     for block in found.newton.blocks:
@@ -352,7 +359,7 @@ def test_case_3_from_a_cold_start(chosen: dict[str, Any]) -> None:
     case = problems.demo({"numerics.level": 1, **chosen})
     solution = solve(case)
     assert solution.levels[-1].history.update <= 1e-9
-    assert max(dense.balances(solution.section).values()) < 1e-8
+    assert max(balances(solution.section).values()) < 1e-8
     fields = solution.section.fields()
     for name in ("k", "k_s"):
         if name in fields:
@@ -367,10 +374,10 @@ def test_grains_that_take_all_turbulence_of_a_bed() -> None:
     They take k from the gas faster than anything else changes it, and it must stay at its floor.
     """
     case = stress.cases(turbulent=True)[140]
-    found = Section(dense.meshes(case)[0](), setup_of(case))
-    width = found.mesh.geometry.hydraulic_diameter
-    control = developed.step_control(found.setup, width, 1e-9, case.numerics.max_steps)
-    history = developed.solve_level(found, control, None, scheme=developed.Scheme())
+    found = Section(case.scene.physics.meshes()[0](), setup_of(case.scene))
+    control = dense.SCHEME.control(found, 1e-9, case["numerics.max_steps"])
+    scheme = replace(dense.SCHEME, ease=None)
+    history = nested.solve_level(found, control, None, nested.QUIET, scheme)
     assert history.update <= 1e-9
     dense.checked_balances(found)
     k = found.fields()["k"].x.array

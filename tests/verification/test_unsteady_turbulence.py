@@ -16,8 +16,6 @@ from test_unsteady_limits import UPRIGHT, G, drag_of, line, owned
 from test_unsteady_robustness import AXIS, CONVEYING, FEED, conveying, run
 
 from fem_tfm import Case
-from fem_tfm.flows.unsteady import problem_of
-from fem_tfm.mesh import line as line_of
 from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow
 from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, TurbulenceCoefficients
 from fem_tfm.models.finite_volume.time_levels import TimeLevels, implicit_euler
@@ -139,7 +137,7 @@ def pipe(law: str, wall: str, reynolds: float, order: int, symmetry: str = "half
             "numerics": {"axial_cells": AXIAL_CELLS, "level": 1, "order": order, "end_time": 1.0},
         }
     )
-    found = UnsteadyFlow(problem_of(case), line_of(case))
+    found = UnsteadyFlow(case.scene.problem(), case.scene.mesh())
     found.set_velocities(np.zeros(3), speed * AXIS)
     return found
 

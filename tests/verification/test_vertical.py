@@ -14,14 +14,15 @@ from scipy.optimize import brentq
 from sections import DEMO, drive, quantities, solve
 
 from fem_tfm import Case
-from fem_tfm.flows import dense, developed
+from fem_tfm.models.two_fluid.quantities import balances
+from fem_tfm.solvers import nested
 
 BASE = Case.load(Path(__file__).parents[2] / DEMO).with_values({"numerics.level": 1})
 GRAVITY = 9.81
 
 
 @functools.cache
-def inclined(angle: float, **changes: Any) -> developed.Solution:
+def inclined(angle: float, **changes: Any) -> nested.Solution:
     """Demo on two coarse meshes at an inclination [deg]."""
     given = {key.replace("__", "."): value for key, value in changes.items()}
     return solve(BASE.with_values({"geometry.inclination_deg": angle, **given}))
@@ -30,7 +31,7 @@ def inclined(angle: float, **changes: Any) -> developed.Solution:
 # -- terminal velocity -------------------------------------------------------------------------
 
 
-def unbounded(fraction: float, angle: float = 90.0) -> developed.Solution:
+def unbounded(fraction: float, angle: float = 90.0) -> nested.Solution:
     """Vertical suspension between walls that neither phase feels."""
     return inclined(
         angle,
@@ -43,8 +44,9 @@ def unbounded(fraction: float, angle: float = 90.0) -> developed.Solution:
 
 def terminal_velocity() -> float:
     """Schiller-Naumann: C_D u^2 = (4/3) (rho_s/rho_g - 1) g d, the Wen-Yu drag of one grain."""
-    gas, d = BASE.gas_material, BASE.solids.diameter
-    weight = 4 / 3 * (BASE.solids.density / gas.density - 1) * GRAVITY * d
+    gas, solids = BASE.scene.model.gas, BASE.scene.model.solids
+    d = solids.diameter
+    weight = 4 / 3 * (solids.density / gas.density - 1) * GRAVITY * d
 
     def surplus(speed: float) -> float:
         reynolds = gas.density * speed * d / gas.viscosity
@@ -62,10 +64,11 @@ def test_dilute_slip_is_the_terminal_velocity(angle: float) -> None:
 
 def uniform_velocities(fraction: float) -> tuple[float, float]:
     """u_g and u_s [m/s] of beta (u_g - u_s) = alpha_s alpha_g (rho_s - rho_g) g."""
-    gas, solids, drag = BASE.gas_material, BASE.solids_material, BASE.closures.drag
+    model = BASE.scene.model
+    gas, solids, drag = model.gas, model.solids, model.drag
     weight = fraction * (1 - fraction) * (solids.density - gas.density) * GRAVITY
     slip = brentq(lambda u: float(drag.beta(fraction, u, gas, solids)) * u - weight, 1e-4, 10.0)
-    u_g = BASE.operation.gas_superficial_velocity / (1 - fraction)
+    u_g = BASE["operation.gas_superficial_velocity"] / (1 - fraction)
     return u_g, u_g - slip
 
 
@@ -87,7 +90,7 @@ def test_uniform_suspension_is_an_equilibrium(fraction: float) -> None:
     kept = section.now.x.array.copy(), float(section.drive.value)
     u_g, u_s = uniform_velocities(fraction)
     section.now.x.array[:] = 0.0
-    logit = math.log(fraction / (BASE.solids.packing_limit - fraction))
+    logit = math.log(fraction / (BASE["solids.packing_limit"] - fraction))
     for i, value in ((0, u_g), (2, u_s), (3, logit), (4, math.log(1e-8))):
         sub = section.space.sub(i)
         sub = sub.sub(2) if i in (0, 2) else sub
@@ -115,7 +118,7 @@ def test_every_inclination_converges_and_balances(angle: float) -> None:
     solution = inclined(angle)
     section, found = solution.section, quantities(solution)
     assert solution.levels[-1].history.update <= 1e-9
-    assert max(dense.balances(section).values()) < 1e-9
+    assert max(balances(section).values()) < 1e-9
     mixture = 1700.0 * 0.245 + 33.5 * (1 - 0.245)
     weight = mixture * GRAVITY * math.sin(math.radians(angle))
     walls = section.wall_force() / section.area
@@ -130,11 +133,11 @@ def test_lifting_solids_costs_pressure() -> None:
     assert gradients[0] < 0 < gradients[1]
 
 
-def spread(solution: developed.Solution) -> float:
+def spread(solution: nested.Solution) -> float:
     """Largest difference of alpha_s along the wall [-]."""
     alpha = solution.section.fields()["alpha_s"]
     points = alpha.function_space.tabulate_dof_coordinates()
-    radius = BASE.geometry.diameter / 2
+    radius = BASE["geometry.diameter"] / 2
     return float(np.ptp(alpha.x.array[np.hypot(*points.T[:2]) > 0.999 * radius]))
 
 
@@ -143,7 +146,7 @@ def test_no_gravity_is_axisymmetric() -> None:
     weightless = inclined(0.0, operation__gravity=0.0)
     assert spread(weightless) < 0.01
     assert spread(inclined(0.0)) > 0.3
-    assert max(dense.balances(weightless.section).values()) < 1e-9
+    assert max(balances(weightless.section).values()) < 1e-9
 
 
 def test_vertical_pipe_is_axisymmetric() -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from dolfinx import fem
 
 from fem_tfm.errors import SolverError
-from fem_tfm.mesh import Mesh
+from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
@@ -394,7 +394,7 @@ class UnsteadyFlow:
         entry, size = cells.first[self.line.inlet], cells.face_area[self.line.inlet]
         area = max(cells.total(size), 1e-300)
         drop = cells.total(now.p[entry] * size) / area
-        factor = self.mesh.geometry.area_factor
+        factor = self.mesh.section.area_factor
         leaving = cells.to_faces(now.alpha)[self.line.outlet] * now.solids_flux[self.line.outlet]
         gas = now.total_flux[self.line.outlet] - leaving
         gas = cells.total(gas * self.ideal_gas.outlet_relative_density if self.ideal_gas else gas)

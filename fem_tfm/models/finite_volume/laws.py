@@ -15,8 +15,9 @@ from typing import Any, Self
 import numpy as np
 
 from fem_tfm.closures.granular import Kinetic, algebraic_theta
-from fem_tfm.closures.turbulence import Eddies, realizable_slope
-from fem_tfm.closures.walls import GasWallState, WallState
+from fem_tfm.closures.turbulence.gas import Eddies, realizable_slope
+from fem_tfm.closures.walls.gas import GasWallState
+from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.state import (

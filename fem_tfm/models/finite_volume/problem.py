@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fem_tfm.closures.materials import Gas, Solids
-from fem_tfm.models.two_fluid import ClosureSet
+from fem_tfm.materials import Gas, Solids
+from fem_tfm.models.pointwise import ClosureSet
 
 
 @dataclass(frozen=True)

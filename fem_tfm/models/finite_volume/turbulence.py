@@ -23,8 +23,8 @@ from typing import Any
 
 import numpy as np
 
-from fem_tfm.closures.dispersed import GasEddies, Grains
-from fem_tfm.closures.turbulence import Balance, Eddies
+from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
+from fem_tfm.closures.turbulence.gas import Balance, Eddies
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport

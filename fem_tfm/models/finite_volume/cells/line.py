@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from fem_tfm.closures.walls import GasWall
-from fem_tfm.feed import power_law
-from fem_tfm.mesh import Mesh
+from fem_tfm.closures.walls.gas import GasWall
+from fem_tfm.correlations import power_law
+from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
 from fem_tfm.models.finite_volume.cells.reconstruction import Reconstruction
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem

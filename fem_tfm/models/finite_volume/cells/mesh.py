@@ -25,7 +25,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fem_tfm.fenics import compile_form
-from fem_tfm.mesh import Mesh
+from fem_tfm.geometry.mesh import Mesh
 
 type Array = npt.NDArray[np.float64]
 

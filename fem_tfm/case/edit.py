@@ -1,0 +1,96 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Nested tables of a case: read from a file, changed by dotted keys."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from fem_tfm.errors import InputError, nearest
+from fem_tfm.operation import FEEDS
+from fem_tfm.scenes.kinds import known_keys, known_tables
+from fem_tfm.scenes.reading import CHOOSING, unknown_key
+
+# ways to give one thing, each a key with its companions: a changed key replaces the other ways
+INSTEAD: dict[str, dict[str, tuple[str, ...]]] = {
+    "operation": {**dict.fromkeys(FEEDS, ()), "solids_fraction": ("solids_velocity",)},
+    "gas": {"density": (), "species": ("pressure",), "gas_constant": ("pressure",)},
+}
+
+
+def parse_override(text: str) -> tuple[str, Any]:
+    """Split "key=value"; the value is read as TOML, or else taken as a string."""
+    key, equals, value = text.partition("=")
+    if not (equals and key.strip() and value.strip()):
+        raise InputError("--set", text, "key=value, such as solids.diameter=1e-4")
+    return key.strip(), parse_value(value.strip())
+
+
+def parse_value(text: str) -> Any:
+    """Read one TOML value; numbers may also be written as .5 or 5., all else is a text."""
+    try:
+        values = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return float(text) if re.fullmatch(r"[+-]?(\d+\.|\.\d+)(e[+-]?\d+)?", text, re.I) else text
+    return values["value"] if len(values) == 1 else text
+
+
+def read(path: Path) -> dict[str, Any]:
+    """Read a TOML file; a byte-order mark is allowed."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except (FileNotFoundError, NotADirectoryError):
+        beside = [p.name for p in path.parent.glob("*.toml")]
+        allowed = "the name of an existing case file"
+        raise InputError("case file", str(path), allowed, nearest(path.name, beside)) from None
+    except OSError as error:
+        allowed = f"a readable file ({error.strerror})"
+        raise InputError("case file", str(path), allowed) from None
+    except ValueError as error:
+        raise InputError("case file", str(path), f"valid TOML in UTF-8 ({error})") from None
+
+
+def change(values: dict[str, Any], key: str, value: Any) -> None:
+    """Set a dotted key in nested tables; a closure keeps its name when a parameter is set."""
+    *tables, name = key.split(".")
+    law, laws = ".".join(tables), law_defaults()
+    if key not in (*known_keys(), *known_tables(), *CHOOSING) and law not in laws:
+        raise unknown_key(key, value)
+    if law in laws and name == "model":
+        # another law has other parameters, so those given are dropped
+        *tables, name = tables
+        value = {"model": value}
+    table = values
+    for depth, part in enumerate(tables, start=1):
+        table[part] = _as_table(table.get(part), ".".join(tables[:depth]))
+        table = table[part]
+    table[name] = value
+
+
+def give_way(values: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Take back the keys of a table that a changed one replaces, unless they are changed too."""
+    for table, ways in INSTEAD.items():
+        changed = {name for name in ways if f"{table}.{name}" in changes}
+        group = {*ways, *(companion for names in ways.values() for companion in names)}
+        kept = changed | {companion for name in changed for companion in ways[name]}
+        if changed and isinstance(values.get(table), Mapping):
+            values[table] = {k: v for k, v in values[table].items() if k not in group - kept}
+
+
+def _as_table(value: Any, key: str) -> dict[str, Any]:
+    """Return what stands at `key` as a table of its own: a law's name becomes its model."""
+    laws = law_defaults()
+    if value is None or isinstance(value, str):
+        model = value or laws.get(key)
+        return {"model": model} if key in laws else {}
+    if not isinstance(value, Mapping):
+        raise InputError(key, value, "a table")
+    return dict(value)
+
+
+def law_defaults() -> dict[str, str]:
+    """Keys that hold a law, and the name of the law that stands there by default."""
+    return {name: key.field.default for name, key in known_keys().items() if key.is_law}

@@ -1,0 +1,527 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Weak forms of the two-fluid model.
+
+Balances (physics of dense gas-solid flow; every solids viscosity is that of the whole phase)::
+
+    d(a_i rho_i)/dt + div(a_i rho_i u_i) = 0,  a_g + a_s = 1
+    d(a_i rho_i u_i)/dt + div(a_i rho_i u_i u_i)
+        = -a_i grad p + div sigma_i +- beta (u_g - u_s) + a_i rho_i g
+    3/2 [d(a rho_s Theta)/dt + div(a rho_s u_s Theta)]
+        = sigma_kin : grad u_s + div(kappa grad Theta) - gamma - 3 beta Theta
+
+Unknowns are u_s, u_g (three components), p, q = logit(alpha_s/alpha_max) and the fluctuation speed
+c of the grains, Theta = theta_floor + c^2, so that 0 < alpha_s < alpha_max and Theta > 0 hold by
+construction. p is the pressure without the
+weight of the gas: P = p + rho_g g.x - G z, so the solids feel alpha_s (rho_s - rho_g) g. Momentum
+is conservative: tested with a constant it says that the walls carry G times the area to the
+accuracy of the solver.
+
+All terms are on the left-hand side. Forms know neither a mesh nor a solver: states and tests are
+UFL expressions, which is also how the manufactured solutions are made.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import ufl
+from ufl.core.expr import Expr
+
+from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
+from fem_tfm.closures.turbulence.gas import Balance, Eddies
+from fem_tfm.closures.walls.solids import WallState
+from fem_tfm.materials import Gas, Solids
+from fem_tfm.models.axis import Axis
+from fem_tfm.models.pointwise import (
+    ClosureSet,
+    Deformation,
+    GranularEnergy,
+    Pointwise,
+    Regularisation,
+    SolidsCoefficients,
+    tangential,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stabilisation(Regularisation):
+    """Regularisation of the laws at a point, and what the finite elements need beside it.
+
+    alpha_diffusion : diffusion of logit(alpha_s) [m2/s]; a mass-conserving diffusion
+        D = alpha_diffusion/(alpha_s (1 - alpha_s/alpha_max)) that keeps voids bounded
+    capture : C of a further diffusion C h^2 |div(alpha_s u_s)| of logit(alpha_s) [-]; it is there
+        where the mesh of cells h fails to carry a front, and vanishes with h^4
+    damping : C of a viscosity C h^2 |grad u_perp| of the secondary flow [-]; it bounds the Reynolds
+        number of a cell where the phase itself has next to no viscosity, and vanishes with h^2
+    smallest_rate : added in quadrature to the rates of both [1/s]
+    wall_penalty : factor of the weak condition u.n = 0 [-]
+    wall_speed : speed of the inertial share of that condition [m/s]
+    pressure_shift : compressibility that fixes the mean of p at zero [m s/kg]
+    relaxation : time in which an algebraic Theta follows during pseudo-time [s]
+    smoothing : length over which an algebraic c is smoothed [m]; it stands for the conduction
+        that the algebraic balance lacks, without which voids and shear-free lines
+        make Theta as rough as the mesh
+    """
+
+    alpha_diffusion: Any
+    capture: Any
+    damping: Any
+    smallest_rate: Any
+    wall_penalty: Any
+    wall_speed: Any
+    pressure_shift: Any
+    relaxation: Any
+    smoothing: Any
+
+
+@dataclass(frozen=True)
+class State:
+    """Unknowns as UFL expressions; the gas alone has u_s = q = c = None.
+
+    ln_k, ln_eps of the gas and ln_k_s, ln_eps_s of the solids exist where a law transports them.
+    """
+
+    u_g: Expr
+    p: Expr
+    u_s: Expr | None = None
+    q: Expr | None = None
+    c: Expr | None = None
+    ln_k: Expr | None = None
+    ln_eps: Expr | None = None
+    ln_k_s: Expr | None = None
+    ln_eps_s: Expr | None = None
+
+
+@dataclass(frozen=True)
+class Domain:
+    """What the forms need of the geometry.
+
+    dx, ds_wall : measures of the section and of its wall
+    normal : outward normal, three components
+    wall_distance : distance to the wall-law plane's origin [m], a UFL expression
+    wall_offset : distance y_p at which the gas wall law holds [m]
+    diameter : hydraulic diameter [m]
+    wall_cell : height of the cell at a wall facet [m]
+    cell_area : h^2, twice the area of a triangle and the area of a quadrilateral [m2]
+    """
+
+    dx: ufl.Measure
+    ds_wall: ufl.Measure
+    normal: Expr
+    wall_distance: Expr
+    wall_offset: Any
+    diameter: Any
+    wall_cell: Expr
+    cell_area: Expr
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solid(SolidsCoefficients):
+    """The solids at one state: coefficients, and UFL expressions in SI units.
+
+    alpha, theta : solids fraction [-], granular temperature [m2/s2]
+    rate, strain, dilation : L, S and D [1/s]
+    square : S:S [1/s2]
+    mu_t : eddy viscosity of the phase [Pa s]
+    """
+
+    alpha: Expr
+    theta: Expr
+    rate: Expr
+    strain: Expr
+    dilation: Expr
+    square: Expr
+    mu_t: Expr | float = 0.0
+
+    @property
+    def viscosity(self) -> Expr:
+        """mu_s = mu_kinetic + mu_f + mu_t [Pa s]."""
+        return super().viscosity + self.mu_t
+
+    def stress(self) -> Expr:
+        """sigma_s = (-p_s + lambda_s D) I + 2 mu_s S [Pa]."""
+        bulk = -self.pressure + self.kinetic.bulk_viscosity * self.dilation
+        return bulk * ufl.Identity(3) + 2 * self.viscosity * self.strain
+
+
+# unit vector downstream
+AXIAL = ufl.as_vector((0.0, 0.0, 1.0))
+
+
+def deviatoric_strain(rate: Expr) -> Expr:
+    """S = dev(sym(grad u)), shape (3, 3) [1/s]."""
+    return ufl.sym(rate) - ufl.tr(rate) / 3 * ufl.Identity(3)
+
+
+class TwoFluidForms:
+    """Weak forms of gas and solids, or of the gas alone when `solids` is None.
+
+    Parameters
+    ----------
+    gas, solids : material properties (SI); `solids` None leaves the solids out of every form
+    closures : one closure of each family
+    gravity : vector of length 3 [m/s2]
+    numerics : regularisation and stabilisation
+    axis : the axial derivative
+    domain : measures, normal and distances
+    """
+
+    def __init__(
+        self,
+        gas: Gas,
+        solids: Solids | None,
+        closures: ClosureSet,
+        gravity: Any,
+        numerics: Stabilisation,
+        axis: Axis,
+        domain: Domain,
+    ) -> None:
+        self.gas = gas
+        self.solids = solids
+        self.closures = closures
+        self.gravity = gravity
+        self.numerics = numerics
+        self.axis = axis
+        self.domain = domain
+        self.at_point = Pointwise(gas, solids, closures, numerics, domain.diameter)
+
+    # -- pointwise quantities ------------------------------------------------------------------
+
+    def alpha(self, state: State) -> Expr:
+        """alpha_s = alpha_max/(1 + exp(-q)) [-]."""
+        if self.solids is None:
+            return ufl.as_ufl(0.0)
+        return self.solids.packing_limit / (1 + ufl.exp(-state.q))
+
+    def theta(self, state: State) -> Expr:
+        """Theta = theta_floor + c^2 [m2/s2]."""
+        return self.numerics.theta_floor + state.c**2
+
+    def rate(self, state: State, phase: str) -> Expr:
+        """L = grad u of "u_g" or "u_s" with its axial column, shape (3, 3) [1/s]."""
+        along = self.axis.change(lambda s: getattr(s, phase), state)
+        return self.axis.jacobian(getattr(state, phase)) + ufl.outer(along, AXIAL)
+
+    def solid(self, state: State) -> Solid:
+        """The solids at a state."""
+        alpha, theta = self.alpha(state), self.theta(state)
+        rate = self.rate(state, "u_s")
+        square, dilation = Deformation(rate).square, ufl.tr(rate)
+        found = Solid(
+            **vars(self.at_point.coefficients(alpha, theta, square, dilation)),
+            alpha=alpha,
+            theta=theta,
+            rate=rate,
+            strain=deviatoric_strain(rate),
+            dilation=dilation,
+            square=square,
+        )
+        if not self.closures.dispersed.needs_k:
+            return found
+        gas, grains = self.gas_eddies(state), self.grains(state, found)
+        nu_t = self.closures.dispersed.viscosity(gas, grains)
+        return replace(found, mu_t=alpha * self.solids.density * nu_t)
+
+    def slip_speed(self, state: State) -> Expr:
+        """|u_g - u_s|, kept off zero [m/s]."""
+        return self.at_point.speed(state.u_g - state.u_s)
+
+    def drag(self, state: State) -> Expr:
+        """Drag coefficient beta [kg/m3/s]."""
+        height = self.stretch()[0]
+        return self.at_point.drag(self.alpha(state), self.slip_speed(state), height)
+
+    def stretch(self) -> tuple[Expr, Expr]:
+        """Height y' of the gas profile that a point carries [m], and dy'/dy."""
+        law = self.closures.gas_wall
+        return law.stretched(self.domain.wall_distance, self.domain.wall_offset)
+
+    def eddies(self, state: State) -> Eddies:
+        """What the gas's law of turbulence sees, in the coordinates of the stretched profile."""
+        scales = () if state.ln_k is None else (ufl.exp(state.ln_k), ufl.exp(state.ln_eps))
+        rate = Deformation(self.rate(state, "u_g"))
+        return self.at_point.eddies(rate, *self.stretch(), *scales)
+
+    def gas_eddies(self, state: State) -> GasEddies:
+        """Gas turbulence as the grains meet it."""
+        return self.at_point.gas_eddies(self.eddies(state))
+
+    def grains(self, state: State, solid: Solid) -> Grains:
+        """What the laws of dispersed turbulence see of the solids."""
+        # grad(alpha)/alpha of the logit
+        along = self.axis.change(lambda s: s.q, state)
+        logit = self.axis.gradient(state.q) + along * AXIAL
+        crowding = (1 - solid.alpha / self.solids.packing_limit) * logit
+        eddies = None
+        if state.ln_k_s is not None:
+            scales = ufl.exp(state.ln_k_s), ufl.exp(state.ln_eps_s)
+            distance = self.domain.wall_distance
+            eddies = self.at_point.eddies(Deformation(solid.rate), distance, 1.0, *scales)
+        return self.at_point.grains(
+            solid.alpha,
+            solid.theta,
+            solid.g0,
+            solid.kinetic.shear_viscosity,
+            self.slip_speed(state),
+            self.stretch()[0],
+            -ufl.inner(state.u_g - state.u_s, crowding),
+            eddies,
+        )
+
+    def gas_viscosity(self, state: State) -> Expr:
+        """mu_g,eff = mu_g + mu_t [Pa s], of the stretched profile where a wall law stretches it."""
+        return self.at_point.gas_viscosity(self.eddies(state), self.stretch()[1])
+
+    def numerical_flux(self, state: State) -> Expr:
+        """Volume flux of the solids by the diffusion of q [m/s].
+
+        -(alpha_diffusion + capture h^2 |div(alpha_s u_s)|) grad q
+        """
+        alpha = self.alpha(state)
+        rate = ufl.inner(self.axis.gradient(alpha), state.u_s)
+        rate += alpha * ufl.tr(self.axis.jacobian(state.u_s))
+        rate += self.axis.change(lambda s: self.alpha(s) * s.u_s[2], state)
+        capture = self.numerics.capture * self.domain.cell_area * self.bounded(rate**2)
+        return -(self.numerics.alpha_diffusion + capture) * self.axis.gradient(state.q)
+
+    def grid_viscosity(self, u: Expr) -> Expr:
+        """Kinematic viscosity damping h^2 |grad u_perp| of the mesh [m2/s]."""
+        rate = self.axis.jacobian(u)
+        across = sum(rate[i, j] ** 2 for i in range(2) for j in range(2))
+        return self.numerics.damping * self.domain.cell_area * self.bounded(across)
+
+    def bounded(self, square: Expr) -> Expr:
+        """Root of the square of a rate, kept off zero where its slope is infinite [1/s]."""
+        return ufl.sqrt(square + self.numerics.smallest_rate**2)
+
+    # -- balances ------------------------------------------------------------------------------
+
+    def solids_mass(self, now: State, old: State, w: Expr, idt: Any, source: Any) -> ufl.Form:
+        """Continuity of the solids over rho_s, with a uniform relative source [1/s]."""
+        alpha = self.alpha(now)
+        flux = alpha * now.u_s + self.numerical_flux(now)
+        rate = idt * (alpha - self.alpha(old)) - source * alpha
+        rate += self.axis.change(lambda s: self.alpha(s) * s.u_s[2], now)
+        return (rate * w - ufl.inner(flux, self.axis.gradient(w))) * self.domain.dx
+
+    def mixture_mass(self, now: State, w: Expr) -> ufl.Form:
+        """div(alpha_s u_s + alpha_g u_g) = 0, with nothing through the walls."""
+        flux, along = self.volume_flux(now), self.axis.change(lambda s: self.volume_flux(s)[2], now)
+        shift = self.numerics.pressure_shift * now.p * w
+        return -(ufl.inner(flux, self.axis.gradient(w)) - along * w + shift) * self.domain.dx
+
+    def volume_flux(self, state: State) -> Expr:
+        """alpha_s u_s + alpha_g u_g, the flux of both phases [m/s]."""
+        alpha = self.alpha(state)
+        gas = (1 - alpha) * state.u_g
+        return gas if self.solids is None else gas + alpha * state.u_s
+
+    def solids_momentum(self, now: State, old: State, v: Expr, idt: Any, drive: Any) -> ufl.Form:
+        """Momentum of the solids, with wall friction and the weak condition u_s.n = 0."""
+        rho, solid = self.solids.density, self.solid(now)
+        a, a0 = solid.alpha, self.alpha(old)
+        eddy = rho * a * self.grid_viscosity(now.u_s)
+        stress = solid.stress() + 2 * eddy * solid.strain
+        stress -= self.eddy_pressure(now.ln_k_s, now) * rho * a * ufl.Identity(3)
+        flux = a * now.u_s + self.numerical_flux(now)
+        body = a * (self.axis.gradient(now.p) - (rho - self.gas.density) * self.gravity)
+        along = self.axis.change(lambda s: self.alpha(s) * s.u_s[2] * s.u_s, now)
+        form = (
+            rho * idt * ufl.inner(a * now.u_s - a0 * old.u_s, v)
+            + ufl.inner(body + rho * along, v)
+            - a * drive * v[2]
+            - self.drag(now) * ufl.inner(now.u_g - now.u_s, v)
+            + ufl.inner(stress - rho * ufl.outer(now.u_s, flux), self.axis.jacobian(v))
+        ) * self.domain.dx
+        stiffness = solid.viscosity + solid.kinetic.bulk_viscosity + eddy
+        traction = self.solids_wall_traction(now)
+        return form + self.wall_terms(now.u_s, v, traction, stress, stiffness, rho * a)
+
+    def gas_momentum(self, now: State, old: State, v: Expr, idt: Any, drive: Any) -> ufl.Form:
+        """Momentum of the gas, with its wall law and the weak condition u_g.n = 0."""
+        rho, mu = self.gas.density, self.gas_viscosity(now)
+        a, a0 = 1 - self.alpha(now), 1 - self.alpha(old)
+        flux = a * now.u_g
+        if self.solids is not None:
+            flux = flux - self.numerical_flux(now)
+            mu += rho * self.grid_viscosity(now.u_g)
+        stress = 2 * a * mu * deviatoric_strain(self.rate(now, "u_g"))
+        stress -= self.eddy_pressure(now.ln_k, now) * rho * a * ufl.Identity(3)
+        along = self.axis.change(lambda s: (1 - self.alpha(s)) * s.u_g[2] * s.u_g, now)
+        form = (
+            rho * idt * ufl.inner(a * now.u_g - a0 * old.u_g, v)
+            + ufl.inner(a * self.axis.gradient(now.p) + rho * along, v)
+            - a * drive * v[2]
+            + ufl.inner(stress - rho * ufl.outer(now.u_g, flux), self.axis.jacobian(v))
+        ) * self.domain.dx
+        if self.solids is not None:
+            slip = now.u_g - now.u_s
+            form += self.drag(now) * ufl.inner(slip, v) * self.domain.dx
+        return form + self.wall_terms(
+            now.u_g, v, a * self.gas_wall_traction(now), stress, a * mu, rho * a
+        )
+
+    def eddy_pressure(self, ln_k: Expr | None, state: State) -> Expr:
+        """Share of the normal stress 2/3 k of the eddies over a rho [m2/s2]."""
+        if state.ln_k_s is None:
+            return ufl.as_ufl(0.0)
+        return self.at_point.eddy_pressure(ufl.exp(ln_k))
+
+    def granular_energy(self, now: State, old: State, w: Expr, idt: Any) -> ufl.Form:
+        """Granular energy in c, or production = dissipation with `theta = "algebraic"`.
+
+        With Theta = c^2, mu = mu_1 c, gamma = gamma_1 c^3 and so on the balance over c is::
+
+            3 a rho_s (dc/dt + u_s.grad c) = (sigma_kin : grad u_s)/c - gamma/c - 3 beta c
+                + 2 div(kappa grad c) + 2 (kappa/c) |grad c|^2
+
+        Nothing in it is singular at c = 0, where production pushes c up. Where Theta falls by
+        decades within a cell the discrete c may dip below zero, and the solution stays bounded.
+        """
+        solid, c = self.solid(now), now.c
+        slope, speed = self.axis.gradient(c), ufl.sqrt(solid.theta)
+        if self.closures.theta == "algebraic":
+            wanted = ufl.sqrt(self.algebraic_theta(now, solid))
+            lag = idt * self.numerics.relaxation * (c - old.c)
+            smooth = self.numerics.smoothing**2 * slope
+            return (
+                (c - wanted + lag) * w + ufl.inner(smooth, self.axis.gradient(w))
+            ) * self.domain.dx
+        energy = self.energy(now, solid)
+        flux = solid.alpha * now.u_s + self.numerical_flux(now)
+        carried = idt * solid.alpha * (c - old.c) + ufl.inner(flux, slope)
+        carried += solid.alpha * now.u_s[2] * self.axis.change(lambda s: s.c, now)
+        spread = 2 * solid.kinetic.conductivity
+        gain = energy.production - energy.compression + spread * ufl.inner(slope, slope)
+        heat = self.at_point.solids_wall_heat(self.wall_state(now, solid))
+        return (
+            (3 * self.solids.density * carried + energy.decay * c - gain / speed) * w
+            + ufl.inner(spread * slope, self.axis.gradient(w))
+        ) * self.domain.dx - heat / speed * w * self.domain.ds_wall
+
+    def energy(self, state: State, solid: Solid) -> GranularEnergy:
+        """Sources of the granular energy."""
+        beta = self.drag(state)
+        return self.at_point.granular_energy(solid, solid.theta, solid.square, solid.dilation, beta)
+
+    def algebraic_theta(self, state: State, solid: Solid) -> Expr:
+        """Theta where production equals dissipation and drag [m2/s2]."""
+        beta = self.drag(state)
+        return self.at_point.algebraic_theta(solid.alpha, solid.g0, solid.square, beta)
+
+    def gas_turbulence(self, now: State, old: State, test: State, idt: Any) -> ufl.Form:
+        """Transport of the logarithms of the gas's turbulence, each balance over its scale X.
+
+        ::
+
+            a rho (dx/dt + u.grad x) = div(a rho D grad x) + a rho D |grad x|^2 + a rho rate
+
+        with x = ln X.
+        """
+        eddies, exchange = self.eddies(now), ()
+        mass, slope = (1 - self.alpha(now)) * self.gas.density, self.stretch()[1]
+        if self.solids is not None and self.closures.dispersed.needs_k:
+            exchange = self.gas_eddies(now), self.grains(now, self.solid(now))
+        held, form = self.closures.turbulence.wall_values(eddies), ufl.Form([])
+        for name, balance in self.at_point.gas_balances(eddies, *exchange).items():
+            form += self.logarithm(name, "u_g", now, old, test, mass, balance, slope, idt)
+            if name in held:
+                x, w = getattr(now, name), getattr(test, name)
+                stiff = mass * balance.diffusivity / (slope * self.domain.wall_cell)
+                penalty = self.numerics.wall_penalty * stiff
+                form += penalty * (x - held[name]) * w * self.domain.ds_wall
+        return form
+
+    def solids_turbulence(self, now: State, old: State, test: State, idt: Any) -> ufl.Form:
+        """Transport of the logarithms of the solids' turbulence, in the manner of the gas's."""
+        law, solid = self.closures.dispersed, self.solid(now)
+        mass, form = solid.alpha * self.solids.density, ufl.Form([])
+        balances = law.balances(self.gas_eddies(now), self.grains(now, solid))
+        for name, balance in balances.items():
+            form += self.logarithm(name, "u_s", now, old, test, mass, balance, 1.0, idt)
+        return form
+
+    def dispersion(self, now: State, v: Expr) -> Expr:
+        """Turbulent dispersion tested with v, beta D (grad a/a - grad a_g/a_g).v, on the left."""
+        solid = self.solid(now)
+        gas, grains = self.gas_eddies(now), self.grains(now, solid)
+        nu_s = self.closures.dispersed.viscosity(gas, grains)
+        # alpha_s grad(alpha_s)/alpha_s of the logit
+        rise = solid.alpha * (1 - solid.alpha / self.solids.packing_limit)
+        rise = rise * self.axis.gradient(now.q)
+        return self.at_point.dispersion(gas, grains, nu_s) * ufl.inner(rise, v) * self.domain.dx
+
+    def logarithm(
+        self,
+        name: str,
+        phase: str,
+        now: State,
+        old: State,
+        test: State,
+        mass: Expr,
+        balance: Balance,
+        slope: Expr,
+        idt: Any,
+    ) -> ufl.Form:
+        """Transport of x = ln X by "u_g" or "u_s", `mass` = a rho, in stretched coordinates."""
+        x, x0, w = (getattr(state, name) for state in (now, old, test))
+        u, along = getattr(now, phase), self.axis.change(lambda s: getattr(s, name), now)
+        grad, spread = self.axis.gradient(x), balance.diffusivity / slope
+        change = idt * (x - x0) + ufl.inner(u, grad) + u[2] * along
+        growth = spread * ufl.inner(grad, grad) + slope * balance.rate
+        flux = mass * spread * grad
+        return (
+            mass * (change - growth) * w + ufl.inner(flux, self.axis.gradient(w))
+        ) * self.domain.dx
+
+    def residual(
+        self, now: State, old: State, test: State, idt: Any, drive: Any, source: Any
+    ) -> ufl.Form:
+        """Sum of all balances; `idt` = 1/dt [1/s], `drive` = G [Pa/m], `source` [1/s]."""
+        form = self.gas_momentum(now, old, test.u_g, idt, drive) + self.mixture_mass(now, test.p)
+        if self.closures.turbulence.transported:
+            form += self.gas_turbulence(now, old, test, idt)
+        if self.solids is None:
+            return form
+        if self.closures.dispersion.name != "none":
+            form += self.dispersion(now, test.u_s - test.u_g)
+        return (
+            form
+            + self.solids_momentum(now, old, test.u_s, idt, drive)
+            + self.solids_mass(now, old, test.q, idt, source)
+            + self.granular_energy(now, old, test.c, idt)
+            + self.solids_turbulence(now, old, test, idt)
+        )
+
+    # -- walls ---------------------------------------------------------------------------------
+
+    def wall_state(self, state: State, solid: Solid) -> WallState:
+        """What the solids' wall law sees."""
+        speed = self.at_point.speed(tangential(state.u_s, self.domain.normal))
+        return WallState(solid.alpha, solid.theta, solid.g0, solid.p_f, speed)
+
+    def solids_wall_traction(self, state: State) -> Expr:
+        """c u_t, minus the traction of the wall on the solids [Pa]."""
+        at_wall = self.wall_state(state, self.solid(state))
+        friction = self.at_point.solids_wall_friction(at_wall)
+        return friction * tangential(state.u_s, self.domain.normal)
+
+    def gas_wall_traction(self, state: State) -> Expr:
+        """c u_t per unit of gas fraction, minus the traction of the wall on the gas [Pa]."""
+        slip = tangential(state.u_g, self.domain.normal)
+        height = self.closures.gas_wall.height(self.domain.wall_offset, self.domain.diameter)
+        k = None if state.ln_k is None else ufl.exp(state.ln_k)
+        return self.at_point.gas_wall_friction(self.at_point.speed(slip), height, k) * slip
+
+    def wall_terms(
+        self, u: Expr, v: Expr, traction: Expr, stress: Expr, viscosity: Expr, density: Expr
+    ) -> ufl.Form:
+        """Traction along the wall, and u.n = 0 by an incomplete Nitsche condition."""
+        n, k = self.domain.normal, self.numerics.wall_penalty
+        u_n, v_n = ufl.inner(u, n), ufl.inner(v, n)
+        stiff = k * (viscosity / self.domain.wall_cell + density * self.numerics.wall_speed)
+        normal_stress = ufl.inner(n, stress * n)
+        return (
+            ufl.inner(traction, tangential(v, n)) - normal_stress * v_n + stiff * u_n * v_n
+        ) * self.domain.ds_wall

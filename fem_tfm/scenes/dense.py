@@ -1,0 +1,354 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Dense gas-solid flow by the two-fluid model in a section: what only this model tells."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from fem_tfm.errors import SolverError
+from fem_tfm.geometry.resolution import Resolution
+from fem_tfm.models import transfer
+from fem_tfm.models.section import between
+from fem_tfm.models.two_fluid import initial
+from fem_tfm.models.two_fluid.forms import Stabilisation
+from fem_tfm.models.two_fluid.model import TwoFluid
+from fem_tfm.models.two_fluid.quantities import balances, pressure_gradient, quantities
+from fem_tfm.models.two_fluid.section import Setup, TwoFluidSection
+from fem_tfm.output.fields import snapshot
+from fem_tfm.output.files import on_root
+from fem_tfm.output.pictures import SectionView, section_picture, vertical_profile
+from fem_tfm.output.profiles import write_profiles
+from fem_tfm.output.result import Result
+from fem_tfm.scenes.physics import Physics, SectionPhysics, residence_control
+from fem_tfm.solvers import nested
+
+# coarsest mesh of the nested iteration, core cell over the hydraulic diameter
+COARSEST = 0.25
+# regularisations in units of U_g and D; docs/dense_section.md has their effect on the gradient
+ALPHA_DIFFUSION, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 0.1, 1e-8
+WALL_PENALTY, SMOOTHING, SMALLEST_RATE = 200.0, 0.05, 1e-4
+# a state that breaks a balance by more is no answer
+BALANCE_ERROR = 1e-6
+# and one whose gradient the raised terms of the mesh change by a larger share is none either
+LARGEST_CHANGE = 0.5
+# first step of pseudo-time in units of the residence time D/U_g
+FIRST_STEP, GROWTH = 0.13, 1.8
+FILES = (
+    "result.json", "report.html", "monitor.csv", "run.log", "profiles.csv", "section.png",
+    "fields.xdmf", "fields.h5",
+)  # fmt: skip
+COLUMNS = {
+    "step": "",
+    "level": "",
+    "dt": "s",
+    "iterations": "",
+    "update": "",
+    "pressure_gradient": "Pa/m",
+    "max_alpha_s": "",
+    "max_theta": "m2/s2",
+}
+WARNED = ("update", "pressure_gradient", "max_alpha_s", "max_theta")
+
+PROFILE_UNITS = {
+    "y": "m",
+    "y/D": "-",
+    "alpha_s": "-",
+    "u_s": "m/s",
+    "u_g": "m/s",
+    "Theta": "m2/s2",
+    "pressure": "Pa",
+    "k": "m2/s2",
+    "eps": "m2/s3",
+    "k_s": "m2/s2",
+    "eps_s": "m2/s3",
+}
+
+
+# measured on the demo: unknowns of P2/P1 triangles, memory and CPU time of a cold run, and how much
+# more of it an unknown takes where turbulence is transported (2 to 11 times)
+UNKNOWNS_PER_CELL, GAS_UNKNOWNS_PER_CELL, UNKNOWNS_PER_SCALE = 17.5, 6.8, 2.1
+BASE_MEMORY, MEMORY_PER_UNKNOWN, TIME_PER_UNKNOWN, TRANSPORT_FACTOR = 170, 0.012, 2.5e-4, 4
+COMPILE_TIME, COMPILE_TIME_PER_SCALE = 15, 11
+
+
+def with_wall_cell(physics: Physics) -> Resolution:
+    """Resolution with the cell at the wall that the wall law of the gas asks for."""
+    scene, resolution = physics.scene, physics.resolution
+    if not scene.model.gas_wall.resolved:
+        return resolution
+    return resolution.with_wall_cell(physics.section, scene.wall_offset)
+
+
+def setup_of(scene: Any) -> Setup:
+    """Numbers of the section that a scene describes."""
+    model, speed, width = scene.model, scene.feed.gas_velocity, scene.geometry.hydraulic_diameter
+    given, diffusion = model.section_terms, model.section_terms.alpha_diffusion
+    numerics = Stabilisation.scaled(
+        speed,
+        width,
+        model.solids,
+        given.theta_floor,
+        model.grain_gap,
+        alpha_diffusion=ALPHA_DIFFUSION * speed * width if diffusion is None else diffusion,
+        capture=given.capture,
+        damping=given.damping,
+        smallest_rate=SMALLEST_RATE * speed / width,
+        wall_penalty=WALL_PENALTY,
+        wall_speed=WALL_SPEED * speed,
+        pressure_shift=PRESSURE_SHIFT / (width * model.gas.density * speed),
+        relaxation=width / speed,
+        smoothing=SMOOTHING * width,
+    )
+    return Setup(
+        model=model,
+        numerics=numerics,
+        gravity=scene.gravity,
+        wall_offset=scene.wall_offset,
+        gas_velocity=speed,
+        feed=scene.solids_feed,
+        quadrature_degree=scene.numerics.quadrature_degree,
+    )
+
+
+SCHEME = nested.Scheme(
+    section=TwoFluidSection,
+    cold=initial.cold,
+    warm=transfer.warm,
+    follow=transfer.follow,
+    control=partial(residence_control, first=FIRST_STEP, growth=GROWTH),
+    between=between,
+    ease=TwoFluidSection.ease,
+    calm=initial.calm,
+)
+
+
+class Dense(SectionPhysics):
+    """What a scene of the two-fluid model tells of its section."""
+
+    headline = "pressure_gradient"
+    scheme = SCHEME
+    columns = COLUMNS
+    warned = WARNED
+    files = FILES
+    first_step, coarsest = FIRST_STEP, COARSEST
+    balance_error = BALANCE_ERROR
+    solved_words = "developed section by the two-fluid model: steady, d/dz = 0"
+
+    def __init__(self, scene: Any) -> None:
+        super().__init__(scene)
+        self.resolution = with_wall_cell(self)
+
+    def setup(self) -> Setup:
+        """Numbers of the section."""
+        return setup_of(self.scene)
+
+    def signs(self, section: TwoFluidSection) -> dict[str, float]:
+        """The early warning: gradient [Pa/m] and extremes of the solids."""
+        return {"pressure_gradient": pressure_gradient(section), **section.extremes()}
+
+    def told(self, solution: nested.Solution) -> dict[str, Any]:
+        """What an answer is made of: quantities, errors, balances and notes.
+
+        Raises
+        ------
+        SolverError
+            a balance is broken, or the terms of the mesh decide the answer.
+        """
+        section = solution.section
+        balances = checked_balances(section)
+        found, errors = estimated(solution, self.scene.geometry.length)
+        notes = [raised_terms(section)] if section.mesh_terms.raised else []
+        return {"quantities": found, "errors": errors, "balances": balances, "notes": notes}
+
+    def write(self, section: TwoFluidSection, result: Result, out: Path | None, told: Any) -> None:
+        """Profiles along the vertical diameter, for the result and the files, and the picture."""
+        write_section(self.scene, section, result, out)
+
+    # -- words ---------------------------------------------------------------------------------
+
+    def skipped(self) -> list[str]:
+        """Parts of the section and laws that the scene does without."""
+        left_out = []
+        if self.section.symmetry == "half":
+            left_out.append("left half: mirror image of the right one")
+        return left_out + skipped_laws(self.scene.model)
+
+    def skipped_of_axis(self) -> list[str]:
+        """What a gas of one density leaves out along the axis."""
+        if self.scene.feed.outlet_pressure is None:
+            return []
+        return ["compressibility: the gas has one density along the line"]
+
+    def advice(self) -> list[str]:
+        """What a user probably did not mean, one sentence each."""
+        return advice(self.scene)
+
+    def given(self) -> str:
+        """What is given and what is found, in words."""
+        gas = f"gas {self.scene.feed.gas_velocity:g} m/s superficial"
+        if self.scene.model.solids is None:
+            return gas
+        kind, value = self.scene.solids_feed
+        if kind == "holdup":
+            return f"{gas}, hold-up {value:g}; found: pressure gradient and solids flux"
+        return f"{gas}, solids {value:.4g} m/s superficial; found: pressure gradient and hold-up"
+
+    def entering(self) -> str:
+        """What enters a line, in words."""
+        gas = f"gas {self.scene.feed.gas_velocity:g} m/s superficial"
+        if self.scene.model.solids is None:
+            return gas
+        alpha, speed = self.scene.solids_inlet
+        return f"{gas}, solids enter with fraction {alpha:.4g} at {speed:.4g} m/s"
+
+    def size(self) -> tuple[int, int]:
+        """Cells of the finest mesh, and about how many unknowns."""
+        cells = self.meshes()[-1]().num_cells
+        per_cell = UNKNOWNS_PER_CELL if self.scene.model.solids else GAS_UNKNOWNS_PER_CELL
+        scales = len(self.scene.model.scales) * UNKNOWNS_PER_SCALE
+        return cells, round(cells * (per_cell + scales))
+
+    def cost(self, unknowns: int) -> dict[str, float]:
+        """About the memory [MB] and the CPU time [s] of solving and of compiling the forms."""
+        scales = len(self.scene.model.scales)
+        factor = TRANSPORT_FACTOR if scales else 1
+        return {
+            "memory": BASE_MEMORY + MEMORY_PER_UNKNOWN * unknowns,
+            "solve": factor * TIME_PER_UNKNOWN * unknowns + 1,
+            "compile": COMPILE_TIME + COMPILE_TIME_PER_SCALE * scales,
+        }
+
+
+def estimated(
+    solution: nested.Solution, length: float
+) -> tuple[dict[str, float], dict[str, float | None]]:
+    """Quantities on the finest mesh, and the change of each since the mesh before.
+
+    Where the terms of the mesh had to be raised, the change by as much again of them is added.
+
+    Raises
+    ------
+    SolverError
+        it changes the gradient so much that they decide it.
+    """
+    found, errors = nested.with_changes(
+        [quantities(level.section, length) for level in solution.levels[-2:]]
+    )
+    section = solution.section
+    if section.rougher is None:
+        return found, errors
+    state, share = section.stored(), 1 / (section.rougher.ratio - 1)
+    section.restore(section.rougher.state)
+    rougher = quantities(section, length)
+    section.restore(state)
+    changes = {name: share * abs(rougher[name] - found[name]) for name in found}
+    change, gradient = changes["pressure_gradient"], abs(found["pressure_gradient"])
+    if change > LARGEST_CHANGE * gradient:
+        raise SolverError(
+            f"a steady state was found only with {terms_of_mesh(section)}, which decide it:"
+            f" as much again of them changes {gradient:.3g} Pa/m by {change:.3g}"
+        )
+    return found, {name: (errors[name] or 0.0) + changes[name] for name in found}
+
+
+def checked_balances(section: TwoFluidSection) -> dict[str, float]:
+    """The balances of an answer.
+
+    Raises
+    ------
+    SolverError
+        one of them is broken, so that the state is no answer.
+    """
+    kept = balances(section)
+    worst = max(kept, key=lambda name: kept[name])
+    if not kept[worst] <= BALANCE_ERROR:
+        raise SolverError(f"the balance of {worst} is broken by {kept[worst]:.1e}")
+    return kept
+
+
+def skipped_laws(model: TwoFluid) -> list[str]:
+    """Laws that the model does without."""
+    laws, left_out = model, []
+    if model.solids is None:
+        left_out.append("solids, granular temperature, drag: no table [solids]")
+    else:
+        if laws.theta == "algebraic":
+            left_out.append("transport of granular temperature: closures.theta = algebraic")
+        if laws.friction.name == "none":
+            left_out.append("frictional stress: closures.friction = none")
+        if laws.dispersed.name == "none":
+            left_out.append("turbulence of the solids: closures.dispersed = none")
+        if laws.dispersion.name == "none":
+            left_out.append("turbulent dispersion of the solids: closures.dispersion = none")
+    if laws.turbulence.name == "laminar":
+        left_out.append("gas turbulence: closures.turbulence = laminar")
+    elif not laws.turbulence.transported:
+        left_out.append(f"transport of k and eps: closures.turbulence = {laws.turbulence.name}")
+    return left_out
+
+
+def terms_of_mesh(section: TwoFluidSection) -> str:
+    """The raised terms of the mesh in words."""
+    terms, said = section.mesh_terms, []
+    if terms.strength > 1:
+        said.append(f"{terms.strength:g} times numerics.capture and numerics.damping")
+    if terms.rate > 1:
+        rate = terms.rate * SMALLEST_RATE
+        said.append(f"a least rate of {rate:.2g} U_g/D in the mesh's diffusion and damping")
+    return " and ".join(said)
+
+
+def raised_terms(section: TwoFluidSection) -> str:
+    """What an answer with raised terms of the mesh must say."""
+    return (
+        f"standard terms of the mesh: a steady state was found with {terms_of_mesh(section)} and"
+        " not with less; error_estimate holds the effect"
+    )
+
+
+# a plastic law with a friction limit below this was hardly meant; a gas with Re above is turbulent
+PACKED, TURBULENT = 0.5, 4000.0
+
+
+def advice(scene: Any) -> list[str]:
+    """What a user probably did not mean, one sentence each."""
+    said, laws, solids = [], scene.model, scene.model.solids
+    if solids and laws.friction.name in ("schaeffer", "syamlal") and solids.friction_limit < PACKED:
+        said.append(
+            f"friction {laws.friction.name!r} makes the bed incompressible above"
+            f" solids.friction_limit = {solids.friction_limit:g}; set it to the packed fraction,"
+            " such as 0.58"
+        )
+    reynolds = scene.reynolds
+    if laws.turbulence.name == "laminar" and reynolds > TURBULENT:
+        said.append(f"the gas is taken as laminar at a Reynolds number of {reynolds:.3g}")
+    if laws.turbulence.name != "laminar" and laws.gas_wall.name == "no-slip":
+        said.append(
+            "a turbulent gas with walls.gas = 'no-slip' needs cells of a few viscous lengths at the"
+            " wall; 'low-reynolds' makes them and 'log-law' does without"
+        )
+    return said
+
+
+def write_section(scene: Any, section: TwoFluidSection, result: Result, out: Path | None) -> None:
+    """Profiles along the vertical diameter, for the result and the files, and the picture."""
+    mesh = section.mesh.mesh
+    moment = snapshot(mesh, section.fields())
+
+    def draw() -> None:
+        view = SectionView.of_cells(
+            moment.points, moment.cells, moment.kind, section.mesh.section.symmetry
+        )
+        values = dict(moment.nodal)
+        if "theta" in values:
+            values["Theta"] = values.pop("theta")
+        result.sections["vertical"] = profile = vertical_profile(view, values)
+        if out is None:
+            return
+        write_profiles(out / "profiles.csv", profile, PROFILE_UNITS)
+        if scene.output.pictures:
+            section_picture(out / "section.png", view, values, scene.title)
+
+    on_root(mesh.comm, draw)

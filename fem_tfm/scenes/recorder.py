@@ -1,0 +1,206 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The life of a run, whatever it solves: its directory, its log, how it ends and what it leaves."""
+
+from __future__ import annotations
+
+import os
+import time
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TextIO
+
+import tomli_w
+from mpi4py import MPI
+
+from fem_tfm.errors import InputError
+from fem_tfm.output import checkpoint
+from fem_tfm.output.files import on_root, write_text
+from fem_tfm.output.profiles import Monitor
+from fem_tfm.output.result import Result, cpu_seconds, peak_memory_mb, versions
+from fem_tfm.progress import Progress
+from fem_tfm.scenes.reading import tables_of
+
+# keys that a resumed run may change
+FREE_TO_CHANGE = (
+    "title",
+    "inferred",
+    "reference",
+    "output",
+    "numerics.max_steps",
+    "numerics.end_time",
+)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """Where and how a run works.
+
+    out : directory of the results, or None to keep nothing
+    progress : where to tell
+    resume : go on from the checkpoint in `out`
+    comm : ranks that work together
+    """
+
+    out: Path | None = None
+    progress: Progress = field(default_factory=lambda: Progress(quiet=True))
+    resume: bool = False
+    comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_WORLD)
+
+
+class Recorder:
+    """What a run tells and keeps while it works: progress, run.log, monitor.csv.
+
+    Parameters
+    ----------
+    scene : what is solved
+    setting : where and how
+    columns : of monitor.csv, with their units
+
+    `section` is what is solved, with its `mesh` and number `dofs` of unknowns; None before there is
+    a state.
+    """
+
+    section: Any = None
+
+    def __init__(self, scene: Any, setting: Setting, columns: Mapping[str, str]) -> None:
+        self.scene = scene
+        self.out, self.progress, self.resume = setting.out, setting.progress, setting.resume
+        self.comm = setting.comm
+        self.seconds = {"setup": 0.0, "compile": 0.0, "solve": 0.0, "output": 0.0}
+        self.monitor: Monitor | None = None
+        self._file: TextIO | None = None
+        self._began = self._lap = time.perf_counter()
+        if self.out is not None and self.comm.rank == 0:
+            self.monitor = Monitor(self.out / "monitor.csv", columns, append=self.resume)
+            self._file = (self.out / "run.log").open("a", encoding="utf-8")
+        self.log(
+            f"fem_tfm {versions().get('fem_tfm', '')}, {self.comm.size} rank(s): {scene.title}"
+        )
+
+    def log(self, text: str) -> None:
+        """One line of run.log, with the wall time since the start."""
+        if self._file is not None:
+            self._file.write(f"{time.perf_counter() - self._began:9.2f} s  {text}\n")
+            self._file.flush()
+
+    def lap(self, stage: str) -> None:
+        """Book the time since the last call under a stage."""
+        now = time.perf_counter()
+        self.seconds[stage] += now - self._lap
+        self._lap = now
+
+    def step_back(self) -> None:
+        """Go back to the last accepted state, where a step was cut short, and keep it."""
+
+    def save_final(self) -> None:
+        """Keep the state of an answer, where it is not kept already."""
+
+    def write_files(self, result: Result) -> None:
+        """Fields, tables and pictures of the state at hand, whether it is an answer or not."""
+
+    def close(self) -> None:
+        """Close the monitor and the log."""
+        for file in (self.monitor, self._file):
+            if file is not None:
+                file.close()
+
+    def write(self, result: Result) -> None:
+        """Put what the run has cost so far into its result, and write that."""
+        result.cpu_seconds = cpu_seconds(self.comm)
+        result.peak_memory_mb = peak_memory_mb(self.comm)
+        if self.out is not None:
+            on_root(self.comm, lambda: result.write(self.out))
+
+
+def prepare(scene: Any, setting: Setting, overwrite: bool) -> None:
+    """Make the directory with the complete case; a replaced run leaves none of its files.
+
+    Collective. Raises InputError where a run is to be resumed that is not there, or another one.
+    """
+    out, text = setting.out, case_text(scene)
+    assert out is not None
+    if setting.resume:
+        check_resumable(text, out)
+
+    def make() -> None:
+        out.mkdir(parents=True, exist_ok=True)
+        if overwrite:
+            for name in (checkpoint.FILE, checkpoint.BEFORE, *scene.files):
+                (out / name).unlink(missing_ok=True)
+        write_text(out / "case.toml", text)
+
+    on_root(setting.comm, make)
+
+
+def case_text(scene: Any) -> str:
+    """The scene as a case file with every default."""
+    return tomli_w.dumps(tables_of(scene))
+
+
+def check_resumable(text: str, out: Path) -> None:
+    """Refuse to go on with another case, or without a state to go on from."""
+    if not checkpoint.numbers(out):
+        raise InputError("--resume", str(out), "a directory that holds a checkpoint")
+    stored = tomllib.loads((out / "case.toml").read_text(encoding="utf-8"))
+    changed = sorted(_flat(stored).items() ^ _flat(tomllib.loads(text)).items())
+    keys = {key for key, _ in changed if not key.startswith(FREE_TO_CHANGE)}
+    if keys:
+        allowed = (
+            f"the directory of a run of this very case; different are {', '.join(sorted(keys))}"
+        )
+        raise InputError("--resume", str(out), allowed)
+
+
+def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, str]:
+    """Dotted keys and the text of their values."""
+    flat = {}
+    for key, value in table.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[prefix + key] = repr(value)
+    return flat
+
+
+def results_directory(
+    out: str | Path | None,
+    overwrite: bool = False,
+    resume: bool = False,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> Path | None:
+    """Check where results are to go; nothing is made or changed.
+
+    Rank 0 looks and all ranks hear the same answer, so that none sees what another wrote meanwhile.
+    Raises `InputError` if the place holds something and neither overwrite nor resume is asked.
+    """
+    found: Path | InputError | None = None
+    if comm.rank == 0:
+        try:
+            found = _free_directory(out, overwrite, resume)
+        except InputError as error:
+            found = error
+    found = comm.bcast(found)
+    if isinstance(found, InputError):
+        raise found
+    return found
+
+
+def _free_directory(out: str | Path | None, overwrite: bool, resume: bool) -> Path | None:
+    if overwrite and resume:
+        raise InputError("--resume", True, "either --resume or --overwrite")
+    if out is None:
+        if resume:
+            raise InputError("--resume", True, "--out with the directory of the run to resume")
+        return None
+    path = Path(out)
+    ancestor = next(p for p in (path, *path.absolute().parents) if p.exists())
+    if not (ancestor.is_dir() and os.access(ancestor, os.W_OK)):
+        raise InputError("--out", str(out), f"a directory that can be written, unlike {ancestor}")
+    filled = path.is_dir() and any(path.iterdir())
+    if resume and not filled:
+        raise InputError("--resume", str(out), "a directory with a run to resume")
+    if filled and not (overwrite or resume):
+        raise InputError("--out", str(out), "a new directory, or --overwrite or --resume")
+    return path

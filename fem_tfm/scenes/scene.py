@@ -1,0 +1,394 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A scene: a model in a line with its feed, solved in one way. What all scenes have in common.
+
+A scene is stated in Python, or built from a case file, which holds the same words. It runs,
+describes itself, warns, and leaves an answer. A new kind of scene is one file of this folder: a
+subclass of `Scene`, and one `register` for each model that it can solve.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import KW_ONLY, MISSING, dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from mpi4py import MPI
+
+from fem_tfm.errors import InputError, SolverError
+from fem_tfm.geometry.gmsh import GmshModel
+from fem_tfm.geometry.mesh import Mesh
+from fem_tfm.geometry.resolution import Resolution
+from fem_tfm.geometry.section import Section
+from fem_tfm.geometry.shapes import Shape
+from fem_tfm.operation import Feed
+from fem_tfm.output.result import QUANTITIES, Quantity, Result, versions
+from fem_tfm.output.result import Reference as Published
+from fem_tfm.parameters import Parameters, key_of, parameter
+from fem_tfm.progress import Progress
+from fem_tfm.scenes.kinds import KINDS, Kind, check_shape, unread_words
+from fem_tfm.scenes.recorder import Recorder, Setting, prepare, results_directory
+from fem_tfm.scenes.statement import Output, Reference
+
+
+@dataclass(frozen=True)
+class Scene(Parameters, ABC):
+    """A model in a line with its feed.
+
+    Raises InputError for values that do not fit each other, and for those that this kind of scene
+    does not read.
+    """
+
+    model: Any = parameter(MISSING, doc="materials and laws")
+    geometry: Shape = parameter(MISSING, doc="conveying line", key="geometry")
+    feed: Feed = parameter(MISSING, doc="fluxes, hold-up, gravity", key="operation")
+    _: KW_ONLY
+    resolution: Resolution = parameter(doc="mesh and solver", factory=Resolution)
+    output: Output = parameter(doc="files", factory=Output)
+    title: str = parameter("", doc="one line about the case", key="title")
+    inferred: tuple[str, ...] = parameter(
+        (), doc="inputs that the source does not print", key="inferred"
+    )
+    references: tuple[Reference, ...] = parameter((), doc="published values", key="reference")
+    solution: ClassVar[str]
+    # whether the state of an answer is Differentiable
+    differentiable: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        kind = self.kind
+        self._take_defaults(kind.defaults)
+        for key, value in _changed(self, kind.unread):
+            raise InputError(key, value, unread_words(key, kind))
+        self._check_shape(kind)
+        self._check_feed()
+        self._check_sizes()
+
+    @property
+    def kind(self) -> Kind:
+        """The kind of this scene; raises InputError for a model that it cannot solve."""
+        known = [kind for kind in KINDS if type(self) is kind.scene]
+        for kind in known:
+            if isinstance(self.model, kind.model):
+                return kind
+        words = " or ".join(f"a {kind.model.__name__}" for kind in known)
+        raise InputError("model", self.model, f"{words}, which {type(self).__name__} can solve")
+
+    # -- rules ---------------------------------------------------------------------------------
+
+    def _take_defaults(self, defaults: Mapping[str, Any]) -> None:
+        """Fill in what is None and has a default that depends on the kind."""
+        for f in fields(self):
+            part = getattr(self, f.name)
+            if isinstance(part, Parameters):
+                for inner in fields(part):  # type: ignore[arg-type]
+                    key = key_of(type(part), inner)
+                    if key in defaults and getattr(part, inner.name) is None:
+                        part = replace(part, **{inner.name: defaults[key]})  # type: ignore[type-var]
+                object.__setattr__(self, f.name, part)
+
+    def _check_shape(self, kind: Kind) -> None:
+        """The shape is one of the kind, and a quarter does where the model is symmetric enough."""
+        check_shape(self.geometry.shape, kind)
+        symmetry = self.geometry.symmetry
+        if symmetry == "quarter" and kind.model.symmetry != "quarter":
+            words = f"one of auto, half, none for flow {kind.flow!r}, whose weight acts downwards"
+            raise InputError("geometry.symmetry", symmetry, words)
+
+    def _check_feed(self) -> None:
+        """Solids need a feed and a feed needs solids; a hold-up lies below packing."""
+        key, solids = self.feed.solids_key, self.model.solids
+        if solids is None:
+            if key is not None:
+                value = getattr(self.feed, key)
+                raise InputError(f"operation.{key}", value, "a table [solids] beside it")
+            return
+        if key is None:
+            words = "one of solids_fraction, solids_superficial_velocity, solids_mass_flow"
+            raise InputError("operation.solids_fraction", None, words)
+        fraction, limit = self.feed.solids_fraction, solids.packing_limit
+        if fraction is not None and fraction >= limit:
+            words = f"a number below solids.packing_limit = {limit}"
+            raise InputError("operation.solids_fraction", fraction, words)
+
+    def _check_sizes(self) -> None:
+        """Particles, wall distance and mesh are smaller than the section."""
+        width, solids = self.geometry.hydraulic_diameter, self.model.solids
+        sizes = {
+            "solids.diameter": (solids and solids.diameter, width),
+            "walls.distance": (self.model.wall_distance, width / 2),
+            "numerics.mesh_size": (self.resolution.mesh_size, width),
+        }
+        for key, (size, limit) in sizes.items():
+            if size is not None and size >= limit:
+                raise InputError(key, size, f"a length below {limit:g} m, to fit in the section")
+
+    # -- derived numbers -----------------------------------------------------------------------
+
+    @property
+    def physics(self) -> Any:
+        """What only the model of this scene tells."""
+        return self.kind.physics(self)
+
+    @property
+    def wall_offset(self) -> float:
+        """Distance y_p at which the wall law of the gas holds [m]."""
+        return self.model.wall_offset(self.feed.gas_velocity, self.geometry.hydraulic_diameter)
+
+    @property
+    def section(self) -> Section:
+        """The part of the section that is solved."""
+        return self.physics.section
+
+    @property
+    def reynolds(self) -> float:
+        """U D_h/nu of the gas [-]."""
+        gas, width = self.model.gas, self.geometry.hydraulic_diameter
+        return self.feed.gas_velocity * width * gas.density / gas.viscosity
+
+    @property
+    def gravity(self) -> tuple[float, float, float]:
+        """Acceleration of gravity in the axes of the section [m/s2]."""
+        return self.geometry.gravity_vector(self.feed.gravity)
+
+    @property
+    def solids_feed(self) -> tuple[str, float] | None:
+        """("holdup", alpha_s) or ("flux", superficial velocity [m/s]); None for the gas alone."""
+        if self.model.solids is None:
+            return None
+        return self.feed.solids(self.geometry.area, self.model.solids.density)
+
+    @property
+    def solids_inlet(self) -> tuple[float, float] | None:
+        """alpha_s [-] and u_s [m/s] of the solids that enter; None for the gas alone."""
+        if self.model.solids is None:
+            return None
+        sizes = self.geometry.area, self.geometry.hydraulic_diameter
+        return self.feed.entering(self.model.gas, self.model.solids, *sizes)
+
+    # -- what a scene gives --------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def files(self) -> Sequence[str]:
+        """Names of what a run may leave in its directory."""
+
+    @abstractmethod
+    def recorder(self, setting: Setting) -> Recorder:
+        """What a run tells and keeps while it works."""
+
+    @abstractmethod
+    def solve(self, recorder: Recorder, previous: Answer | None = None) -> Answer:
+        """The answer; it goes on from a checkpoint where the recorder says so.
+
+        previous : answer of a neighbouring scene to start from, which is used up
+
+        Raises
+        ------
+        SolverError
+            no answer was reached.
+        """
+
+    @abstractmethod
+    def describe(self) -> dict[str, Any]:
+        """What would be solved, what is left out and why, and what it would take."""
+
+    @abstractmethod
+    def skipped(self) -> list[str]:
+        """What the scene did not need, and why."""
+
+    @abstractmethod
+    def advice(self) -> list[str]:
+        """What the user probably did not mean, one sentence each."""
+
+    @abstractmethod
+    def mesh_model(self) -> GmshModel:
+        """The mesh as Gmsh makes it (the finest, where there are several)."""
+
+    @abstractmethod
+    def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
+        """The mesh (the finest, where there are several); collective."""
+
+    def run(
+        self,
+        out: str | Path | None = None,
+        *,
+        overwrite: bool = False,
+        resume: bool = False,
+        quiet: bool = True,
+        comm: MPI.Comm = MPI.COMM_WORLD,
+    ) -> Result:
+        """Solve the scene; with `out` the results are written to that directory.
+
+        Raises
+        ------
+        InputError
+            the place is taken, or `resume` finds no checkpoint of this scene; nothing is written.
+        SolverError
+            no answer was reached; the last good state and the reason are in `out`.
+        """
+        place = results_directory(out, overwrite, resume, comm)
+        with Progress(quiet, comm) as progress:
+            setting = Setting(place, progress, resume, comm)
+            result, answer = self.carry_out(setting, overwrite=overwrite)
+        answer.close()
+        return result
+
+    def carry_out(
+        self, setting: Setting, previous: Answer | None = None, overwrite: bool = False
+    ) -> tuple[Result, Answer]:
+        """Solve the scene, write its results and return them with what a neighbour may start from.
+
+        previous : answer of a neighbouring scene, which is used up
+
+        Raises InputError and SolverError as `run` does.
+        """
+        if setting.out is not None:
+            prepare(self, setting, overwrite)
+        recorder = self.recorder(setting)
+        for sentence in self.advice():
+            setting.progress.warn(sentence)
+        return _drive(self, recorder, previous)
+
+
+def _changed(part: Parameters, keys: Iterable[str]) -> Iterable[tuple[str, Any]]:
+    """Those of the keys that are not at their default, in an object and in those that it holds."""
+    for inner in fields(part):  # type: ignore[arg-type]
+        key, value = key_of(type(part), inner), getattr(part, inner.name)
+        if isinstance(value, Parameters):
+            yield from _changed(value, keys)
+        elif key in keys and value != inner.default:
+            yield key, value
+
+
+class Differentiable(Protocol):
+    """State of an answer that tells how its pressure gradient G depends on the scene's numbers."""
+
+    def adjoint(self) -> tuple[np.ndarray, np.ndarray]:
+        """Adjoint (v, w) of G: v on the unknowns that this rank owns, w on the constraints."""
+
+    def lagrangian(self, scene: Any, adjoint: tuple[np.ndarray, np.ndarray]) -> float:
+        """G - v.F - w.c of this state under the numbers of a neighbouring scene [Pa/m].
+
+        F is the residual and c are the constraints. The state stays as it is.
+        Raises InputError for a scene that differs in more than numbers.
+        """
+
+
+@dataclass
+class Answer:
+    """What a scene that was solved tells.
+
+    status : "converged" or "finished"
+    quantities : by name, in the units of `QUANTITIES`
+    balances : relative errors [-]
+    headline : the quantity that the last line of the log tells
+    errors : estimated errors of quantities, where they are known
+    references : published values that belong to the flow
+    notes : what this answer does without, beside what the scene skips
+    state : what the scene may start a neighbour from
+    """
+
+    status: str
+    quantities: Mapping[str, float]
+    balances: Mapping[str, float]
+    headline: str
+    errors: Mapping[str, float | None] = field(default_factory=dict)
+    references: Mapping[str, Sequence[Published]] = field(default_factory=dict)
+    notes: Sequence[str] = ()
+    state: Any = None
+    factorisations: int = 0
+    start: str = "cold"
+
+    def close(self) -> None:
+        """Free what the state holds."""
+        if self.state is not None:
+            self.state.close()
+            self.state = None
+
+
+def _drive(scene: Scene, recorder: Recorder, previous: Answer | None) -> tuple[Result, Answer]:
+    """Solve a scene and write its results."""
+    try:
+        answer = scene.solve(recorder, previous)
+        return _finish(scene, answer, recorder), answer
+    except SolverError as stop:
+        _keep(scene, recorder, "failed", str(stop))
+        out = recorder.out
+        hint = f"; its last state is in {out} (fields.xdmf, --resume)" if out is not None else ""
+        raise SolverError(f"{stop}{hint}") from stop
+    except KeyboardInterrupt:
+        _keep(scene, recorder, "interrupted", "interrupted by the user")
+        raise
+    finally:
+        recorder.close()
+
+
+def _finish(scene: Scene, answer: Answer, recorder: Recorder) -> Result:
+    """Quantities with their errors, balances and files of an answer."""
+    recorder.lap("solve")
+    result = _result(scene, answer.status, recorder)
+    errors = dict.fromkeys(answer.quantities) | dict(answer.errors)
+    result.quantities = with_references(scene, answer.quantities, errors, answer.references)
+    result.balances = dict(answer.balances)
+    result.skipped += answer.notes
+    recorder.write_files(result)
+    recorder.save_final()
+    recorder.lap("output")
+    recorder.write(result)
+    name, unit = answer.headline, QUANTITIES[answer.headline].strip("-")
+    told = f"{name.replace('_', ' ')} {result[name]:.6g} {unit}".rstrip()
+    recorder.log(f"{answer.status}: {told}")
+    return result
+
+
+def _keep(scene: Scene, recorder: Recorder, status: str, reason: str) -> None:
+    """Write what an unfinished run has: its last accepted state and why it stopped."""
+    result = _result(scene, status, recorder, reason)
+    recorder.log(f"{status}: {reason}")
+    if recorder.section is not None:
+        recorder.step_back()
+        recorder.write_files(result)
+    recorder.write(result)
+
+
+def _result(scene: Scene, status: str, recorder: Recorder, reason: str = "") -> Result:
+    """A result without numbers yet."""
+    solved = recorder.section
+    return Result(
+        status=status,
+        flow=scene.kind.flow,
+        solution=scene.solution,
+        title=scene.title,
+        cells=solved.mesh.num_cells if solved else 0,
+        dofs=solved.dofs if solved else 0,
+        ranks=recorder.comm.size,
+        seconds=recorder.seconds,
+        skipped=scene.skipped(),
+        inferred=list(scene.inferred),
+        versions=versions(),
+        reason=reason,
+        directory=recorder.out,
+    )
+
+
+def with_references(
+    scene: Scene,
+    found: Mapping[str, float],
+    errors: Mapping[str, float | None],
+    known: Mapping[str, Sequence[Published]],
+) -> dict[str, Quantity]:
+    """Quantities with their errors, the references of the scene and those that are `known`."""
+    references: dict[str, list[Published]] = {}
+    for given in scene.references:
+        references.setdefault(given.quantity, []).append(Published(given.value, given.source))
+    for name, more in known.items():
+        references.setdefault(name, []).extend(more)
+    return {
+        name: Quantity(
+            value, QUANTITIES[name], errors[name], references=tuple(references.get(name, ()))
+        )
+        for name, value in found.items()
+    }

@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Changed keys of a case: overrides, taken back, in the place of others."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fem_tfm.case import Case
+from fem_tfm.case.edit import parse_override, parse_value
+from fem_tfm.closures import make
+from fem_tfm.errors import InputError
+
+
+def changed(dense: dict[str, Any], **changes: Any) -> Case:
+    """The short case with dotted keys changed (double underscore for the dot)."""
+    return Case.from_dict(dense).with_values({k.replace("__", "."): v for k, v in changes.items()})
+
+
+def test_parameter_of_a_default_law(dense: dict[str, Any]) -> None:
+    assert changed(dense, closures__drag__C=0.25).scene.model.drag == make(
+        "drag", {"model": "three-zone", "C": 0.25}
+    )
+
+
+def test_parameter_of_a_named_law(dense: dict[str, Any]) -> None:
+    dense["closures"] = {"friction": "dartevelle"}
+    case = changed(dense, closures__friction__coefficient=500.0)
+    assert case.scene.model.friction == make("friction", {"model": "dartevelle", "coefficient": 500.0})
+
+
+def test_parameters_add_up(dense: dict[str, Any]) -> None:
+    case = changed(dense, closures__drag__C=0.25).with_values({"closures.drag.width": 0.01})
+    assert (case.scene.model.drag.C, case.scene.model.drag.width) == (0.25, 0.01)
+
+
+def test_another_law_drops_the_parameters(dense: dict[str, Any]) -> None:
+    case = changed(dense, closures__drag__C=0.25).with_values({"closures.drag.model": "wen-yu"})
+    assert case.scene.model.drag == make("drag", "wen-yu")
+
+
+def test_none_takes_a_key_back(dense: dict[str, Any]) -> None:
+    case = changed(dense, numerics__level=2).with_values({"numerics.level": None})
+    assert case.scene.resolution.level == 3
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("solids.diameter=2e-4", 2e-4),
+        ("numerics.level = 2", 2),
+        ("closures.drag=wen-yu", "wen-yu"),
+        ('closures.drag="wen-yu"', "wen-yu"),
+        ("output.pictures=false", False),
+        ("closures.drag={model='constant'}", {"model": "constant"}),
+        ("title=a = b", "a = b"),
+        ("title=1\nflow=2", "1\nflow=2"),
+    ],
+)
+def test_overrides_are_toml_or_text(text: str, value: Any) -> None:
+    assert parse_override(text) == (text.partition("=")[0].strip(), value)
+
+
+@pytest.mark.parametrize("text", ["", "solids.diameter", "=3", "solids.diameter=", " = "])
+def test_an_override_needs_key_and_value(text: str) -> None:
+    with pytest.raises(InputError, match="key=value"):
+        parse_override(text)
+
+
+def test_parse_value_keeps_what_is_no_toml() -> None:
+    assert parse_value("log-law") == "log-law"
+
+
+def test_load_applies_overrides(root: Path) -> None:
+    path = root / "demos/dense_pipe/case3.toml"
+    case = Case.load(path, ["solids.diameter=2e-4", "closures.friction=none", "title=other"])
+    assert (case.scene.model.solids.diameter, case.scene.title) == (2e-4, "other")
+    assert case.scene.model.friction == make("friction", "none")
+
+
+@pytest.mark.parametrize(("text", "value"), [(".5", 0.5), ("5.", 5.0), ("-.5e-3", -5e-4)])
+def test_parse_value_reads_short_numbers(text: str, value: float) -> None:
+    assert parse_value(text) == value
+
+
+@pytest.mark.parametrize(
+    ("override", "feed"),
+    [
+        ("operation.solids_mass_flow=0.194", 0.194 / (1700 * math.pi / 4 * 1e-4)),
+        ("operation.solids_superficial_velocity=1.5", 1.5),
+        ("operation.solids_velocity=6", 0.245 * 6),
+    ],
+)
+def test_a_changed_feed_takes_the_place_of_the_other(
+    root: Path, override: str, feed: float
+) -> None:
+    case = Case.load(root / "demos/dense_pipe/case3.toml", [override])
+    assert case.scene.solids_feed == ("flux", pytest.approx(feed))
+
+
+def test_a_changed_gas_takes_the_place_of_the_density(root: Path) -> None:
+    path = root / "demos/dense_pipe/case3.toml"
+    case = Case.load(path, ["gas.species=N2", "gas.pressure=2.92e6"])
+    assert case.scene.model.gas.density == pytest.approx(33.6, rel=0.01)
+
+
+@pytest.mark.parametrize("feed", ["solids_mass_flow", "solids_superficial_velocity"])
+def test_a_case_has_one_feed(dense: dict[str, Any], feed: str) -> None:
+    dense["operation"][feed] = 0.1
+    with pytest.raises(InputError, match="exactly one of solids_fraction"):
+        Case.from_dict(dense)
+
+
+def test_two_changed_feeds_contradict_each_other(root: Path) -> None:
+    path = root / "demos/dense_pipe/case3.toml"
+    changes = ["operation.solids_mass_flow=0.2", "operation.solids_fraction=0.2"]
+    with pytest.raises(InputError, match="exactly one of"):
+        Case.load(path, changes)
