@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Linear solvers of the matrices of the cells."""
+"""Linear solvers of the equations of the cells."""
 
 from __future__ import annotations
 
@@ -11,11 +11,21 @@ from fem_tfm.models.finite_volume.cells.mesh import Array
 
 
 class Krylov:
-    """A Krylov solver of one CellMatrix, whose preconditioner follows the matrix or is kept.
+    """A Krylov solver of one matrix; the preconditioner follows the matrix or is kept.
 
+    PETSc options with the prefix fem_tfm_cells_transport_ or fem_tfm_cells_pressure_ replace those
+    that are set here.
+
+    Parameters
+    ----------
+    matrix : of the equations
     method : "transport" (BiCGStab, incomplete LU of each rank's part) or "pressure" (conjugate
         gradients, algebraic multigrid with Richardson and SOR smoothing)
-    tolerance : of the residual over that of the right-hand side
+    tolerance : of the residual over the right-hand side
+
+    Attributes
+    ----------
+    iterations : of the last solution
     """
 
     def __init__(self, matrix: CellMatrix, method: str, tolerance: float) -> None:
@@ -25,9 +35,10 @@ class Krylov:
         self._create()
 
     def _create(self) -> None:
+        """The solver without any preconditioner."""
         self.ksp = PETSc.KSP().create(self.matrix.cells.comm)
         self.ksp.setOperators(self.matrix.matrix)
-        # parts of a preconditioner read their options when it is first set up: they stay
+        # parts of a preconditioner read their options at its first set-up, so these stay
         prefix = f"fem_tfm_cells_{self._method}_"
         self.ksp.setOptionsPrefix(prefix)
         options = {
@@ -48,23 +59,25 @@ class Krylov:
             },
         }[self._method]
         table = PETSc.Options()
-        for key, value in options.items():
-            table.setValue(prefix + key, value)
-        # a multigrid of one level leaves some unread, which is no one's mistake
-        table.setValue("options_left", "no")
+        # a multigrid of one level leaves some unread, of which PETSc need not warn
+        given = {prefix + key: value for key, value in options.items()} | {"options_left": "no"}
+        for key, value in given.items():
+            if not table.hasName(key):
+                table.setValue(key, value)
         self.ksp.setInitialGuessNonzero(True)
         self.ksp.setTolerances(rtol=self._tolerance, atol=1e-50, max_it=300)
         self.ksp.setFromOptions()
 
     def update(self, keep: bool = False) -> None:
-        """The matrix has new values; `keep` the preconditioner of older ones."""
+        """Take over new values of the matrix; `keep` the preconditioner of older ones."""
         self.ksp.setOperators(self.matrix.matrix)
         self.ksp.getPC().setReusePreconditioner(keep)
 
     def solve(self, rhs: Array, start: Array, enough: float = 1e-50) -> Array:
         """Solution over the owned unknowns (collective).
 
-        A preconditioned residual of norm `enough`, which has the unit of the unknowns, ends it too.
+        enough : norm of the preconditioned residual, in the unit of the unknowns, that ends the
+            iterations, too
 
         Raises
         ------
@@ -82,7 +95,7 @@ class Krylov:
         return self.x.array_r.copy()
 
     def reset(self) -> None:
-        """Start from nothing: a multigrid keeps more of its past than its age."""
+        """Start anew: a multigrid keeps more from older matrices than its hierarchy."""
         self.ksp.destroy()
         self._create()
 
