@@ -386,9 +386,9 @@ class UnsteadyFlow:
         return solids, gas
 
     def quantities(self) -> dict[str, float]:
-        """Numbers of the whole line now, in SI units.
+        """Quantities of the whole line, in SI units (collective).
 
-        The flows are those through the outlet, the pressure drop that from the inlet's cells to it.
+        Mass flows are those through the outlet, the pressure drop the one from the inlet's cells.
         """
         cells, now, own = self.cells, self.now, slice(0, self.cells.owned)
         entry, size = cells.first[self.line.inlet], cells.face_area[self.line.inlet]
@@ -413,10 +413,10 @@ class UnsteadyFlow:
         }
 
     def state(self) -> dict[str, Array]:
-        """Everything that the next step needs, bit for bit.
+        """Everything that the next step needs for the same result, bit for bit.
 
         Arrays over owned cells, those on faces as (owned, facets of a cell), and numbers. The next
-        step builds its multigrid anew, so that a run that goes on equals one that is restored.
+        step builds its multigrid anew, so that a run that continues equals one that is restored.
         """
         self.pressure.renew()
         cells, own = self.cells, slice(0, self.cells.owned)
@@ -424,7 +424,7 @@ class UnsteadyFlow:
         for name, directed in FACE_FIELDS.items():
             found[name] = cells.faces_by_cell(getattr(self.now, name), directed)
         found |= {name: values[own].copy() for name, values in self.now.scales.items()}
-        of_cells, of_faces = self._names_of_past
+        of_cells, of_faces = self._previous_fields
         if self.previous is not None:
             for name in of_cells:
                 found[f"before_{name}"] = getattr(self.previous, name)[own].copy()
@@ -437,8 +437,8 @@ class UnsteadyFlow:
         return found | {f"mass_{n}": np.array(v) for n, v in vars(self.masses).items()}
 
     @property
-    def _names_of_past(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """What the next step takes from before the last one, in cells and on faces."""
+    def _previous_fields(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of the fields of the previous step, in cells and on faces."""
         if self.ideal_gas is None:
             return PREVIOUS_CELL_FIELDS, PREVIOUS_FACE_FIELDS
         return (
@@ -447,7 +447,7 @@ class UnsteadyFlow:
         )
 
     def restore(self, state: Mapping[str, Array]) -> None:
-        """Take over what `state` gave, also from another division into ranks (collective)."""
+        """Restore what `state` gave, also from another partition of the mesh (collective)."""
         cells = self.cells
         found = {name: cells.ghosted(np.asarray(state[name])) for name in CELL_FIELDS}
         for name, directed in FACE_FIELDS.items():
@@ -455,7 +455,7 @@ class UnsteadyFlow:
         found["scales"] = {n: cells.ghosted(np.asarray(state[n])) for n in self.now.scales}
         self.now, self.previous = State(**found), None
         if self.scheme.needs_previous and "before_dt" in state:
-            of_cells, of_faces = self._names_of_past
+            of_cells, of_faces = self._previous_fields
             scales = self.now.scales
             names = *of_cells, *of_faces, *scales
             given = {name: np.asarray(state[f"before_{name}"]) for name in names}
@@ -469,7 +469,7 @@ class UnsteadyFlow:
         self.pressure.renew()
 
     def fields(self) -> dict[str, fem.Function]:
-        """Values of the cells for output, in functions that are made once."""
+        """Fields of the cells for output; the functions are made once."""
         arrays = {"u_g": self.now.u_g, "pressure": self.now.p}
         if self.solids is not None:
             arrays = {"alpha_s": self.now.alpha, "u_s": self.now.u_s, **arrays}

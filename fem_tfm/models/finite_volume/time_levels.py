@@ -42,7 +42,7 @@ SLOW = 0.1
 
 @dataclass(frozen=True)
 class PreviousStep:
-    """The time before the last step, and the step.
+    """State before the last step, and the mean fluxes and sources of that step.
 
     dt : length of the last step [s]
     step_flux, step_source : mean volume flux (faces) [m3/s] and source (cells) [1/s] of the solids
@@ -68,16 +68,16 @@ class PreviousStep:
 
     @classmethod
     def of(cls, before: State, dt: float, step_flux: Array, step_source: Array) -> PreviousStep:
-        """What is kept of a moment when a step has left it behind."""
+        """What is kept of the state before a step of `dt` [s]."""
         others = {"dt", "step_flux", "step_source", "gas_step_flux", "gas_step_source"}
         names = {f.name for f in fields(cls)} - others
         return cls(dt, step_flux, step_source, **{name: getattr(before, name) for name in names})
 
 
-# names in a PreviousStep besides its step; all values on faces have their direction
+# names in a PreviousStep besides dt; values on faces change sign with their direction
 PREVIOUS_CELL_FIELDS = ("step_source", "alpha", "theta", "u_s", "u_g")
 PREVIOUS_FACE_FIELDS = ("step_flux", "total_flux", "solids_flux", "flux_acceleration")
-# and those that only a gas needs whose density follows the pressure
+# and those of a compressible gas alone
 PREVIOUS_GAS_CELL_FIELDS, PREVIOUS_GAS_FACE_FIELDS = ("p", "gas_step_source"), ("gas_step_flux",)
 
 
