@@ -129,7 +129,7 @@ def test_a_vortex_in_a_box_dies_as_its_sides_bear_it(
     size, viscosity, cells = 0.01, 1e-2, 16
     mesh = box((size, size, size / cells), (cells, cells, 1), f"{4 * sides}ss")
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    points = mesh.mesh.section.x
+    points = mesh.mesh.geometry.x
     points[:, :2] = points[:, :2] @ turn.T
     found = flow(mesh, {"gas": {"density": 1.0, "viscosity": viscosity}}, alone=True, order=order)
     k = math.pi / size
