@@ -123,7 +123,7 @@ def _part(cls: Any, f: Field[Any], part: Any, values: Mapping[str, Any], kind: K
 
 
 def _value(cls: Any, f: Field[Any], values: Mapping[str, Any], kind: Kind) -> Any:
-    """The value of a field, None where it is left out; a list of tables makes a tuple of objects."""
+    """The value of a field, None where it is left out; of a list of tables a tuple of objects."""
     key, found = key_of(cls, f), values
     for name in key.split("."):
         found = found.get(name) if isinstance(found, Mapping) else None  # type: ignore[assignment]

@@ -29,7 +29,9 @@ def test_parameter_of_a_default_law(dense: dict[str, Any]) -> None:
 def test_parameter_of_a_named_law(dense: dict[str, Any]) -> None:
     dense["closures"] = {"friction": "dartevelle"}
     case = changed(dense, closures__friction__coefficient=500.0)
-    assert case.scene.model.friction == make("friction", {"model": "dartevelle", "coefficient": 500.0})
+    assert case.scene.model.friction == make(
+        "friction", {"model": "dartevelle", "coefficient": 500.0}
+    )
 
 
 def test_parameters_add_up(dense: dict[str, Any]) -> None:

@@ -51,7 +51,9 @@ def test_describe_tells_what_is_solved_and_skipped(demo: Case) -> None:
 def test_transported_turbulence_is_told_to_cost_more(demo: Case) -> None:
     """Four more unknowns take longer to solve for and to compile."""
     four = demo.with_values({"closures.turbulence": "realizable-4eq"})
-    seconds = [[int(n) for n in re.findall(r"(\d+) s", c.scene.describe()["time"])] for c in (demo, four)]
+    seconds = [
+        [int(n) for n in re.findall(r"(\d+) s", c.scene.describe()["time"])] for c in (demo, four)
+    ]
     assert [len(s) for s in seconds] == [2, 2]
     assert seconds[1][0] > 2 * seconds[0][0]
     assert seconds[1][1] > 2 * seconds[0][1]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A scene is added by one module: TOML, Python, the verbs and sweeps know it by its registration."""
+"""A scene is added by one module: its registration makes it known to TOML, verbs and sweeps."""
 
 from __future__ import annotations
 
