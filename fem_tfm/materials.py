@@ -176,12 +176,16 @@ class Gas(Parameters):
             given.setdefault("viscosity", known.viscosity(temperature))
 
     def to_table(self) -> dict[str, Any]:
-        """The table [gas] from which `from_table` makes the same gas."""
+        """The table [gas] from which `from_table` makes the same gas, without what follows."""
         found = {
             key_of(type(self), f).removeprefix("gas."): getattr(self, f.name) for f in fields(self)
         }
         if self.name is not None or self.gas_constant is not None:
             del found["density"]
+        if self.name is not None and self.viscosity == _species(self.name).viscosity(
+            self.temperature
+        ):
+            del found["viscosity"]
         return found
 
     def bound(self, wrap: Callable[[float], Any]) -> Self:

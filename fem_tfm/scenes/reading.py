@@ -103,13 +103,13 @@ def _build(cls: Any, values: Mapping[str, Any], kind: Kind) -> Any:
     made: dict[str, Any] = {}
     for f in fields(cls):
         parts = parts_of(cls, f, kind)
-        value = _part(cls, f, parts[0], values, kind) if parts else _value(cls, f, values, kind)
+        value = _part(f, parts[0], values, kind) if parts else _value(cls, f, values, kind)
         if value is not None:
             made[f.name] = value
     return cls(**made)
 
 
-def _part(cls: Any, f: Field[Any], part: Any, values: Mapping[str, Any], kind: Kind) -> Any:
+def _part(f: Field[Any], part: Any, values: Mapping[str, Any], kind: Kind) -> Any:
     """The object that a field holds, None where its table may be left out and is."""
     if part.table and part.table not in values:
         if f.default is None:
