@@ -21,6 +21,7 @@ from fem_tfm.models.finite_volume.state import (
     SMALLEST_THETA,
     SolidsDeformation,
     SolidsTransport,
+    Step,
 )
 from fem_tfm.models.finite_volume.time_levels import implicit_euler
 
@@ -353,14 +354,11 @@ def test_sheared_grains_reach_the_temperature_of_the_closed_form(
     still, rest = np.zeros(found.cells.face_count), np.zeros(found.cells.count)
     for _ in range(300):
         moving = replace(found.now, u_s=u_s, u_g=u_s)
-        transported, rates = (
-            SolidsTransport(moving.alpha, still, still, rest, rest, rest),
-            found.deformation(moving),
-        )
-        levels = implicit_euler(found.line, moving, 5e-3, found.solids.packing_limit)
-        theta = found.temperature.solve(
-            moving, rest, levels, moving, transported, rates, Inflow(0.0), {}
-        )
+        solids = SolidsTransport(moving.alpha, still, still, rest, rest, rest)
+        levels = implicit_euler(found.line, moving, 5e-3)
+        step = Step(levels, 5e-3, Inflow(0.0), moving, drag=rest, solids=solids)
+        step = replace(step, deformation=found.deformation(moving))
+        theta, _ = found.temperature.solve(step)
         found.now = replace(found.now, theta=theta)
     assert found.now.theta == pytest.approx(wanted * scale, rel=0.01)
 
@@ -393,9 +391,9 @@ def test_walls_slow_grains_as_their_law_says(law: str) -> None:
     friction = np.ravel(make("solids-wall", law).friction(state, found.solids))[0]
     rate = 4 * friction / (GRAINS["density"] * alpha * size)
     still = np.zeros(found.cells.face_count)
-    transported = SolidsTransport(now.alpha, still, still, rest, now.p, rest)
-    levels = implicit_euler(found.line, now, dt, found.solids.packing_limit)
-    phases = found.momentum.phases(now, levels, now, transported, rates)
-    forces = [np.zeros_like(now.u_s)] * 2
-    guess = found.momentum.solve(phases, rest, forces, levels, Inflow(0.0), {})
-    assert guess[0][:, 2] == pytest.approx(speed / (1 + rate * dt), rel=1e-6)
+    solids = SolidsTransport(now.alpha, still, still, rest, now.p, rest)
+    levels = implicit_euler(found.line, now, dt)
+    step = Step(levels, dt, Inflow(0.0), now, drag=rest, solids=solids, deformation=rates)
+    accelerations = [np.zeros_like(now.u_s)] * 2
+    velocities, _ = found.momentum.solve(step, found.momentum.phases(step), accelerations)
+    assert velocities[0][:, 2] == pytest.approx(speed / (1 + rate * dt), rel=1e-6)

@@ -13,14 +13,15 @@ from dolfinx import fem
 from fem_tfm.errors import SolverError
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.models.finite_volume.cells.line import LineMesh
-from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
 from fem_tfm.models.finite_volume.fraction import SolidsFraction
 from fem_tfm.models.finite_volume.ideal_gas import IdealGas, RelativeDensity, gas_volume
 from fem_tfm.models.finite_volume.laws import CellLaws
 from fem_tfm.models.finite_volume.momentum import Momentum
 from fem_tfm.models.finite_volume.pressure import PressureProjection
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
+from fem_tfm.models.finite_volume.scheme import FirstOrder, SecondOrder
 from fem_tfm.models.finite_volume.state import (
     CELL_FIELDS,
     FACE_FIELDS,
@@ -31,6 +32,7 @@ from fem_tfm.models.finite_volume.state import (
     Report,
     SolidsDeformation,
     State,
+    Step,
     StepFailed,
 )
 from fem_tfm.models.finite_volume.temperature import GranularTemperature
@@ -41,8 +43,6 @@ from fem_tfm.models.finite_volume.time_levels import (
     PREVIOUS_GAS_FACE_FIELDS,
     PreviousStep,
     TimeLevels,
-    bdf2,
-    implicit_euler,
 )
 from fem_tfm.models.finite_volume.turbulence import Turbulence
 
@@ -59,11 +59,11 @@ class UnsteadyFlow:
 
     Attributes
     ----------
-    line, laws : mesh and coefficients
-    fraction, agitation, momenta, projection : parts of a step; the first two only with solids
-    ideal : the gas, None where its density is constant
-    turbulence : what it makes, None where an algebraic law of the gas is all
-    now, past : state, and what a step of second order takes from the one before it
+    line, laws, scheme : mesh, coefficients, order
+    fraction, temperature, momentum, pressure : equations of a step; the first two only with solids
+    turbulence : its equations, None where the gas has an algebraic law alone
+    ideal_gas : the gas where its density follows the pressure, else None
+    now, previous : present state, and what a step of second order needs of the one before it
     """
 
     def __init__(self, problem: UnsteadyProblem, mesh: Mesh) -> None:
@@ -71,22 +71,38 @@ class UnsteadyFlow:
         self.gas, self.solids = problem.gas, problem.solids
         self.line, self.laws = LineMesh(problem, mesh), CellLaws(problem)
         self.cells = self.line.cells
-        scalar = CellMatrix(self.cells)
-        self.turbulence = None
-        if Turbulence.is_needed(self.laws):
-            self.turbulence = Turbulence(problem, self.line, self.laws, scalar)
-        if self.solids is not None:
-            self.fraction = SolidsFraction(self.line, self.laws, scalar)
-            self.temperature = GranularTemperature(problem, self.line, self.laws, scalar)
-        self.ideal_gas = IdealGas(problem, self.line) if problem.compressible else None
-        lifted = self.ideal_gas.hydrostatic_density if self.ideal_gas else self.gas.density
-        self.momentum = Momentum(self.line, self.laws, problem.gravity, lifted)
-        self.pressure = PressureProjection(self.line, self.laws, problem.compressible)
+        self.scheme = FirstOrder(self.line)
+        if problem.second_order:
+            limit = 1.0 if self.solids is None else self.solids.packing_limit
+            self.scheme = SecondOrder(self.line, limit)
+        self._build()
         self._functions: dict[str, fem.Function] = {}
         self.initialise()
 
+    def _build(self) -> None:
+        """Make the equations."""
+        problem, line, laws, scheme = self.problem, self.line, self.laws, self.scheme
+        self.turbulence = None
+        if self.solids is not None or Turbulence.is_needed(laws):
+            transport = ScalarTransport(line, scheme)
+        if Turbulence.is_needed(laws):
+            self.turbulence = Turbulence(problem, line, laws, transport)
+        if self.solids is not None:
+            self.fraction = SolidsFraction(line, laws, scheme)
+            self.temperature = GranularTemperature(problem, line, laws, transport)
+        self.ideal_gas, hydrostatic_density = None, self.gas.density
+        if problem.compressible:
+            self.ideal_gas = IdealGas(problem, line, scheme)
+            hydrostatic_density = self.ideal_gas.hydrostatic_density
+        self.momentum = Momentum(line, laws, scheme, problem.gravity, hydrostatic_density)
+        self.pressure = PressureProjection(line, laws, problem.compressible)
+
     def initialise(self, alpha: Any = 0.0, theta: float = SMALLEST_THETA, p: Any = 0.0) -> None:
-        """Both phases at rest; solids fraction and pressure are numbers or those of all cells."""
+        """Put both phases at rest, at time zero.
+
+        alpha, p : solids fraction [-] and pressure [Pa], numbers or arrays over all cells
+        theta : granular temperature [m2/s2]
+        """
         cells = self.cells
         zero, flux = np.zeros(cells.count), np.zeros(cells.face_count)
         vector = np.zeros((cells.count, 3))
@@ -108,7 +124,7 @@ class UnsteadyFlow:
         self._count_masses()
 
     def set_velocities(self, u_s: Array, u_g: Array) -> None:
-        """Give both phases velocities, (3,) or (cells, 3) [m/s]; walls hold their normal part."""
+        """Set the velocities of both phases, (3,) or (cells, 3) [m/s]; nothing passes the walls."""
         cells = self.cells
         u_s, u_g = (np.broadcast_to(u, (cells.count, 3)).astype(float) for u in (u_s, u_g))
         fluxes = [cells.flux(u) for u in (u_s, u_g)]
@@ -125,211 +141,204 @@ class UnsteadyFlow:
         )
 
     def _count_masses(self) -> None:
+        """Begin the mass balances with the present state."""
         solids = self.cells.total(self.now.alpha[: self.cells.owned] * self.line.volume)
-        self.masses = Masses(solids=solids, gas=self._gas_held(self.now, solids))
+        self.masses = Masses(solids=solids, gas=self._gas_volume(self.now, solids))
 
-    def _gas_held(self, at: State, solids: float) -> float:
-        """Gas in the line beside solids, at the reference density [m3]."""
+    def _gas_volume(self, state: State, solids: float) -> float:
+        """Gas in the line beside a volume of solids, at the reference density [m3]."""
         if self.ideal_gas is None:
             return self.cells.total(self.line.volume) - solids
-        return self.cells.total(gas_volume(self.ideal_gas, at, self.line.volume))
+        return self.cells.total(gas_volume(self.ideal_gas, state, self.line.volume))
 
     # -- the step ------------------------------------------------------------------------------
 
     def advance(self, dt: float, inflow: Inflow) -> Report:
-        """One step of `dt` [s].
+        """One step of `dt` [s] (collective).
 
         Raises
         ------
         StepFailed
             a solver did not converge or a value left its bounds; nothing has changed.
         """
-        try:
-            found, past, report, masses = self._attempt(dt, inflow)
-        except FAILURES as error:
-            raise StepFailed(str(error)) from error
-        self.now, self.previous, self.masses = found, past, masses
-        self.time += dt
-        self.steps += 1
-        return report
-
-    def _attempt(
-        self, dt: float, inflow: Inflow
-    ) -> tuple[State, PreviousStep | None, Report, Masses]:
-        """A step of the order chosen, or of first order where that one fails."""
-        if self.line.order:
+        failure: Exception | None = None
+        for levels in self.scheme.attempts(
+            self.now, self.previous, dt, inflow, self._gas_densities()
+        ):
             try:
-                return self._step(self._time_levels(dt, inflow), dt, inflow)
-            except FAILURES:
-                pass
-        return self._step(implicit_euler(self.line, self.now, dt), dt, inflow)
+                step = self._step(levels, dt, inflow)
+                solids, gas = self._solids_balance(step), self._gas_balance(step)
+                masses = self._masses_after(dt, solids, gas)
+                report = self._report(step, masses)
+                previous = self._previous_step(step, solids, gas)
+            except FAILURES as error:
+                failure = error
+                continue
+            self.now, self.previous, self.masses = step.state, previous, masses
+            self.time += dt
+            self.steps += 1
+            return report
+        raise StepFailed(str(failure)) from failure
 
-    def _time_levels(self, dt: float, inflow: Inflow) -> TimeLevels:
-        limit = 1.0 if self.solids is None else self.solids.packing_limit
-        if self.previous is None:
-            return implicit_euler(self.line, self.now, dt, limit)
-        gas = 1.0, 1.0
+    def _gas_densities(self) -> tuple[Array | float, Array | float]:
+        """Relative density of the gas in the present and in the previous state [-]."""
+        if self.ideal_gas is None or self.previous is None:
+            return 1.0, 1.0
+        return self.ideal_gas.relative(self.now.p), self.ideal_gas.relative(self.previous.p)
+
+    def _step(self, levels: TimeLevels, dt: float, inflow: Inflow) -> Step:
+        """The step with all equations solved."""
+        drag = np.zeros(self.cells.count)
+        step, density = Step(levels, dt, inflow, levels.predicted, drag), None
         if self.ideal_gas:
-            gas = self.ideal_gas.relative(self.now.p), self.ideal_gas.relative(self.previous.p)
-        return bdf2(self.line, self.now, self.previous, dt, limit, inflow, gas)
-
-    def _step(
-        self, levels: TimeLevels, dt: float, inflow: Inflow
-    ) -> tuple[State, PreviousStep | None, Report, Masses]:
-        old, start, span = levels.predicted, levels.start, levels.span_faces
-        cells, effort = self.cells, {}
-        transported, deformation, beta, dragged = None, None, np.zeros(cells.count), None
-        at, coefficients, gas_balance = old, None, None
-        relative_density = self.ideal_gas.extrapolate(levels, dt) if self.ideal_gas else None
+            density = self.ideal_gas.extrapolate(levels, dt)
         if self.turbulence:
-            coefficients = self.turbulence.coefficients(
-                levels, relative_density and relative_density.end
-            )
+            relative = None if density is None else density.end
+            step = replace(step, turbulence=self.turbulence.coefficients(levels, relative))
         if self.solids is not None:
-            deformation = self._expected_rates(levels)
-            response = old.response
-            if not self.steps:
-                density = self.gas.density
-                if relative_density:
-                    density = density * cells.to_faces(relative_density.now)
-                drag = sum(self._drag(old, relative_density))
-                response = self.pressure.response(old.alpha, drag, dt, density)[0]
-                # the pressure of the solids acts from the first step on: what it bears must too
-                p_s = self.laws.solids_pressure(old.alpha, old.theta, deformation)
-                borne = response * cells.face_area * self.momentum.supported_weight(old.alpha, p_s)
-                levels = replace(
-                    levels, start=replace(start, solids_flux=start.solids_flux + borne)
-                )
-            transported = self.fraction.solve(
-                levels, response, deformation, dt, inflow, effort, coefficients
-            )
-            if self.previous is not None:
-                lost = cells.net_flux(transported.flux) / self.line.volume - inflow.sources.solids
-                before = transported.alpha[: cells.owned] + levels.span * lost
-                start = replace(start, alpha=cells.ghosted(np.clip(before, 0.0, 1.0)))
-            at = replace(old, alpha=transported.alpha)
-            beta, steep = self._drag(at, relative_density)
-            theta = self.temperature.solve(
-                at, beta, levels, start, transported, deformation, inflow, effort
-            )
-            at = replace(at, theta=theta)
-            # a gas that gives way follows its drag at once: with that of the slip foreseen alone,
-            # flow and drag would take turns
-            beta, dragged = beta + steep, steep[:, None] * (at.u_g - at.u_s)
+            step = self._solve_fraction(step, density)
+            step = self._solve_temperature(step, density)
         if self.ideal_gas:
-            gas_balance = self.ideal_gas.balance(relative_density, levels, transported, dt, inflow)
+            step = replace(step, gas=self.ideal_gas.balance(step, density))
         if self.turbulence:
-            scales = self.turbulence.solve(
-                at, levels, start, coefficients, transported, inflow, effort, gas_balance
-            )
-            at = replace(at, scales=scales)
-        phases = self.momentum.phases(
-            at, levels, start, transported, deformation, coefficients, gas_balance
-        )
-        gaps, accelerated = self.momentum.forces(at, phases, beta, levels, inflow)
-        guess = self.momentum.solve(phases, beta, accelerated, levels, inflow, effort, dragged)
-        at = replace(at, u_s=start.u_s)
-        found = self.pressure.project(
-            at, phases, beta, guess, gaps, span, inflow, effort, gas_balance
-        )
-        passed, added = np.zeros(cells.face_count), np.zeros(cells.owned)
-        if transported is not None:
-            passed, added = transported.step_flux, transported.step_source
-        volume = self.line.volume
-        if gas_balance is None:
-            grown = (inflow.sources.solids + inflow.sources.gas) * volume
-            gas = found.total_flux - passed, grown - added * volume
-        else:
-            self._check_density(found)
-            gas = gas_balance.step_flux(found.total_flux), gas_balance.source * volume
-        masses = self._balance((passed, added * volume), gas, dt)
-        past = None
-        if self.line.order:
-            past = PreviousStep.of(self.now, dt, passed, cells.ghosted(added))
-            if self.ideal_gas:
-                past = replace(
-                    past, gas_step_flux=gas[0], gas_step_source=cells.ghosted(gas_balance.source)
-                )
-        return found, past, self._report(found, dt, effort, masses), masses
+            scales, iterations = self.turbulence.solve(step)
+            state = replace(step.state, scales=scales)
+            step = step.after("turbulence", iterations, state=state)
+        phases = self.momentum.phases(step)
+        face_forces, accelerations = self.momentum.forces(step, phases)
+        velocities, iterations = self.momentum.solve(step, phases, accelerations)
+        step = step.after("momentum", iterations)
+        state, iterations = self.pressure.project(step, phases, velocities, face_forces)
+        return step.after("pressure", iterations, state=state)
 
-    def deformation(self, at: State | PreviousStep) -> SolidsDeformation:
-        """How the solids of a state deform, in all cells (collective)."""
+    def _solve_fraction(self, step: Step, density: RelativeDensity | None) -> Step:
+        """Solve the solids fraction, and take it back to the start level of the step."""
+        cells, levels = self.cells, step.levels
+        step = replace(step, deformation=self._predicted_deformation(levels))
+        response = step.state.response
+        if not self.steps:
+            step, response = self._with_first_pressure(step, density)
+        solids, iterations = self.fraction.solve(step, response)
+        if levels.previous is not None:
+            # the start level from which an Euler step with the flux at the end gives this fraction
+            rate = cells.net_flux(solids.flux) / self.line.volume - step.inflow.sources.solids
+            alpha = solids.alpha[: cells.owned] + levels.span * rate
+            start = replace(levels.start, alpha=cells.ghosted(np.clip(alpha, 0.0, 1.0)))
+            step = replace(step, levels=replace(levels, start=start))
+        state = replace(step.state, alpha=solids.alpha)
+        return step.after("solids fraction", iterations, state=state, solids=solids)
+
+    def _with_first_pressure(
+        self, step: Step, density: RelativeDensity | None
+    ) -> tuple[Step, Array]:
+        """The first step with its response, and with the flux of the weight that p_s carries.
+
+        The solids pressure acts on the flux from the first step on, so its weight must, too.
+        """
+        cells, state, start = self.cells, step.state, step.levels.start
+        gas_density = self.gas.density
+        if density is not None:
+            gas_density = gas_density * cells.to_faces(density.now)
+        drag = sum(self.drag(state, density))
+        response = self.pressure.response(state.alpha, drag, step.dt, gas_density)[0]
+        p_s = self.laws.solids_pressure(state.alpha, state.theta, step.deformation)
+        weight = self.momentum.supported_weight(state.alpha, p_s)
+        flux = start.solids_flux + response * cells.face_area * weight
+        levels = replace(step.levels, start=replace(start, solids_flux=flux))
+        return replace(step, levels=levels), response
+
+    def _solve_temperature(self, step: Step, density: RelativeDensity | None) -> Step:
+        """Solve the granular temperature, and linearise the drag.
+
+        The drag follows the slip at once where the gas has little inertia. With the coefficient of
+        the predicted slip alone the drag and the flow would alternate, so its growth with the slip
+        is implicit, too.
+        """
+        drag, growth = self.drag(step.state, density)
+        step = replace(step, drag=drag)
+        theta, iterations = self.temperature.solve(step)
+        state = replace(step.state, theta=theta)
+        excess = growth[:, None] * (state.u_g - state.u_s)
+        return step.after(
+            "theta", iterations, state=state, drag=drag + growth, explicit_drag=excess
+        )
+
+    def deformation(self, state: State | PreviousStep) -> SolidsDeformation:
+        """Deformation of the solids of a state, in all cells (collective)."""
         cells = self.cells
-        gradient = cells.ghosted(cells.gradient(at.u_s))
-        dilation = cells.ghosted(cells.net_flux(at.solids_flux) / self.line.volume)
+        gradient = cells.ghosted(cells.gradient(state.u_s))
+        dilation = cells.ghosted(cells.net_flux(state.solids_flux) / self.line.volume)
         return self.laws.deformation(gradient, dilation)
 
-    def _expected_rates(self, levels: TimeLevels) -> SolidsDeformation:
-        """Deformation predicted for the end of a step; the gradient is the present one.
+    def _predicted_deformation(self, levels: TimeLevels) -> SolidsDeformation:
+        """Deformation predicted for the end of the step, but for the gradient, which is present.
 
-        Stresses that the matrix does not hold would grow if they were extrapolated.
+        The explicit stresses of an extrapolated gradient would grow.
         """
-        found = self.deformation(replace(levels.now, solids_flux=levels.predicted.solids_flux))
+        flux = levels.predicted.solids_flux
+        found = self.deformation(replace(levels.now, solids_flux=flux))
         if levels.previous is None:
             return found
-        shear = levels.extrapolate(found.shear, self.deformation(levels.previous).shear)
-        return replace(found, shear=shear)
+        before = self.deformation(levels.previous)
+        return replace(found, shear=levels.extrapolate(found.shear, before.shear))
 
-    def _drag(
-        self, at: State, relative_density: RelativeDensity | None = None
-    ) -> tuple[Array, Array]:
+    def drag(self, state: State, density: RelativeDensity | None = None) -> tuple[Array, Array]:
         """beta and its growth with the slip, |u| d(beta)/d|u|, in all cells [kg/m3/s]."""
-        laws = self.laws.of(relative_density.end) if relative_density else self.laws
-        return laws.steep_drag(at.alpha, at.u_g - at.u_s, self.line.gas_profile[0])
+        laws = self.laws if density is None else self.laws.of(density.end)
+        return laws.steep_drag(state.alpha, state.u_g - state.u_s, self.line.gas_profile[0])
 
-    # -- what others read ----------------------------------------------------------------------
+    # -- masses --------------------------------------------------------------------------------
 
-    def _check_density(self, found: State) -> None:
-        density = self.ideal_gas.relative(found.p)[: self.cells.owned]
+    def _solids_balance(self, step: Step) -> tuple[Array, Array]:
+        """Mean flux (faces) [m3/s] and source (owned) [1/s] of the solids in a step."""
+        if step.solids is None:
+            return np.zeros(self.cells.face_count), np.zeros(self.cells.owned)
+        return step.solids.step_flux, step.solids.step_source
+
+    def _gas_balance(self, step: Step) -> tuple[Array, Array]:
+        """Those of the gas, at the reference density."""
+        total = step.state.total_flux
+        if step.gas is None:
+            flux, source = self._solids_balance(step)
+            sources = step.inflow.sources
+            return total - flux, sources.solids + sources.gas - source
+        density = self.ideal_gas.relative(step.state.p)[: self.cells.owned]
         if not self.cells.largest(-density) < 0:
             raise SolverError("the density of the gas is not positive")
+        return step.gas.step_flux(total), step.gas.source
 
-    def _balance(self, solids: tuple[Array, Array], gas: tuple[Array, Array], dt: float) -> Masses:
-        """Masses with what has passed faces in a step and what was put into cells [m3/s]."""
+    def _previous_step(
+        self, step: Step, solids: tuple[Array, Array], gas: tuple[Array, Array]
+    ) -> PreviousStep | None:
+        """What a step of second order needs of the present state and of the step from it."""
+        if not self.scheme.needs_previous:
+            return None
+        flux, source = solids
+        found = PreviousStep.of(self.now, step.dt, flux, self.cells.ghosted(source))
+        if step.gas is None:
+            return found
+        source = self.cells.ghosted(gas[1])
+        return replace(found, gas_step_flux=gas[0], gas_step_source=source)
+
+    def _masses_after(
+        self, dt: float, solids: tuple[Array, Array], gas: tuple[Array, Array]
+    ) -> Masses:
+        """Masses after a step with these mean fluxes and sources."""
         cells, edge = self.cells, slice(self.cells.inner_count, None)
         gained = {}
-        for name, (passed, inside) in (("solids", solids), ("gas", gas)):
-            flux = passed[edge]
-            entered = cells.total(np.maximum(-flux, 0.0)) + cells.total(np.maximum(inside, 0.0))
-            net = cells.total(inside) - cells.total(flux)
+        for name, (flux, source) in (("solids", solids), ("gas", gas)):
+            out, given = flux[edge], source * self.line.volume
+            entered = cells.total(np.maximum(-out, 0.0)) + cells.total(np.maximum(given, 0.0))
+            net = cells.total(given) - cells.total(out)
             gained[f"{name}_in"] = getattr(self.masses, f"{name}_in") + dt * entered
             gained[f"{name}_net"] = getattr(self.masses, f"{name}_net") + dt * net
         return replace(self.masses, **gained)
 
-    def _report(self, found: State, dt: float, effort: dict[str, int], masses: Masses) -> Report:
-        cells, own = self.cells, slice(0, self.cells.owned)
-        values = {name: getattr(found, name) for name in CELL_FIELDS} | dict(found.scales)
-        for name, value in values.items():
-            # a sum is finite where all values are
-            if not np.isfinite(cells.total(value[own])):
-                raise SolverError(f"{name} is not finite")
-        return Report(
-            effort,
-            cells.largest(found.alpha[own]),
-            cells.largest(found.theta[own]),
-            dt * max(self._courant(found)),
-            max(self._errors(found, masses).values()),
-            cells.largest(found.scales["k"][own]) if "k" in found.scales else 0.0,
-        )
-
-    def courant(self) -> tuple[float, float]:
-        """Largest Courant number of solids and gas for a step of one second [1/s]."""
-        return self._courant(self.now)
-
-    def _courant(self, at: State) -> tuple[float, float]:
-        cells = self.cells
-        alpha = cells.to_faces(at.alpha)
-        gas = (at.total_flux - alpha * at.solids_flux) / np.maximum(1 - alpha, SMALLEST_FRACTION)
-        deformation = []
-        for flux in (at.solids_flux, gas):
-            leaving = cells.sum_by_side(np.maximum(flux, 0.0), np.maximum(-flux, 0.0))
-            deformation.append(cells.largest(leaving / self.line.volume))
-        return deformation[0], deformation[1]
-
-    def _errors(self, at: State, masses: Masses) -> dict[str, float]:
-        solids = self.cells.total(at.alpha[: self.cells.owned] * self.line.volume)
+    def _mass_errors(self, state: State, masses: Masses) -> dict[str, float]:
+        """Relative errors of the masses of both phases in a state."""
+        solids = self.cells.total(state.alpha[: self.cells.owned] * self.line.volume)
         found = {}
-        for name, now in (("solids", solids), ("gas", self._gas_held(at, solids))):
+        for name, now in (("solids", solids), ("gas", self._gas_volume(state, solids))):
             start, entered = getattr(masses, name), getattr(masses, f"{name}_in")
             missing = now - start - getattr(masses, f"{name}_net")
             found[f"{name}_mass"] = abs(missing) / max(start + entered, 1e-300)
@@ -337,8 +346,44 @@ class UnsteadyFlow:
 
     def balances(self) -> dict[str, float]:
         """Relative errors of the masses of both phases since the start."""
-        found = self._errors(self.now, self.masses)
+        found = self._mass_errors(self.now, self.masses)
         return found if self.solids is not None else {"gas_mass": found["gas_mass"]}
+
+    # -- what others read ----------------------------------------------------------------------
+
+    def _report(self, step: Step, masses: Masses) -> Report:
+        """Effort and extreme values of a step, which must be finite."""
+        cells, state, own = self.cells, step.state, self.line.own
+        values = {name: getattr(state, name) for name in CELL_FIELDS} | dict(state.scales)
+        for name, value in values.items():
+            # a sum is finite where all values are
+            if not np.isfinite(cells.total(value[own])):
+                raise SolverError(f"{name} is not finite")
+        return Report(
+            step.iterations,
+            cells.largest(state.alpha[own]),
+            cells.largest(state.theta[own]),
+            step.dt * max(self._courant(state)),
+            max(self._mass_errors(state, masses).values()),
+            cells.largest(state.scales["k"][own]) if "k" in state.scales else 0.0,
+        )
+
+    def courant(self) -> tuple[float, float]:
+        """Largest Courant number of solids and gas over the step [1/s]."""
+        return self._courant(self.now)
+
+    def _courant(self, state: State) -> tuple[float, float]:
+        """That of a state."""
+        cells, alpha = self.cells, self.cells.to_faces(state.alpha)
+        gas = state.total_flux - alpha * state.solids_flux
+        gas = gas / np.maximum(1 - alpha, SMALLEST_FRACTION)
+        solids, gas = (
+            cells.largest(
+                cells.sum_by_side(np.maximum(flux, 0.0), np.maximum(-flux, 0.0)) / self.line.volume
+            )
+            for flux in (state.solids_flux, gas)
+        )
+        return solids, gas
 
     def quantities(self) -> dict[str, float]:
         """Numbers of the whole line now, in SI units.
@@ -409,7 +454,7 @@ class UnsteadyFlow:
             found[name] = cells.from_faces_by_cell(np.asarray(state[name]), directed)
         found["scales"] = {n: cells.ghosted(np.asarray(state[n])) for n in self.now.scales}
         self.now, self.previous = State(**found), None
-        if self.line.order and "before_dt" in state:
+        if self.scheme.needs_previous and "before_dt" in state:
             of_cells, of_faces = self._names_of_past
             scales = self.now.scales
             names = *of_cells, *of_faces, *scales

@@ -1,5 +1,14 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Solids fraction of a step: upwind fluxes with an implicit, nonlinear pressure of the solids."""
+"""Solids fraction equation: upwind fluxes with an implicit, nonlinear solids pressure.
+
+    V/dt (alpha - alpha_0) + sum alpha_upwind F - V source = 0
+    F = F_0 - R (p_s(alpha) - p_s_other)  on each face
+
+F_0 is the volume flux of the solids without the pressure at the end of the step, R the flux that a
+difference of that pressure drives. Newton's method solves for w = alpha/(limit - alpha), in which
+p_s is nearly linear; its matrix is an M-matrix, so 0 <= alpha < limit at any step. The result is
+taken from the fluxes, so that the mass of the solids is conserved to round-off.
+"""
 
 from __future__ import annotations
 
@@ -7,221 +16,288 @@ import numpy as np
 
 from fem_tfm.errors import SolverError
 from fem_tfm.models.finite_volume.cells.krylov import Krylov
-from fem_tfm.models.finite_volume.cells.limiter import limit_flux
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.laws import CellLaws
-from fem_tfm.models.finite_volume.state import (
-    LONELY_FRACTION,
-    SECOND_ORDER_SOLVES,
-    Inflow,
-    SolidsDeformation,
-    SolidsTransport,
-    TurbulenceCoefficients,
-)
-from fem_tfm.models.finite_volume.time_levels import TimeLevels
+from fem_tfm.models.finite_volume.scheme import FirstOrder
+from fem_tfm.models.finite_volume.state import LONELY_FRACTION, SolidsTransport, Step
 
-# relative residual, change and iterations of Newton's method
+# residual [-], change [-] and iterations of Newton's method
 RESIDUAL, CHANGE, ITERATIONS = 1e-10, 1e-12, 40
-# share of the way to a bound of the fraction that slopes may take a cell
-MOST_OF_ROOM = 0.5
-# residual of its linear systems over the right-hand side: a step of the method needs little
+# relative residual of its linear systems: an iteration of the method needs little
 LINEAR_TOLERANCE = 1e-4
+# share of the way to a bound of the fraction that corrections of second order may take a cell
+MOST_OF_ROOM = 0.5
+# step of w, over 1 + w, for the derivative of the pressure
+PRESSURE_STEP = 1e-7
+# round-off that may leave an emptied cell below zero
+LOWEST = -1e-9
 
 
 class SolidsFraction:
-    """Moves the solids by their fluxes and their pressure.
+    """The equation with its matrix and linear solver.
 
     Parameters
     ----------
-    line, laws : mesh and coefficients
-    matrix : scalar matrix, whose values are overwritten
+    line, laws, scheme : mesh, coefficients, order
     """
 
-    def __init__(self, line: LineMesh, laws: CellLaws, matrix: CellMatrix) -> None:
-        self.line, self.laws, self.matrix = line, laws, matrix
-        self._krylov = Krylov(matrix, "transport", LINEAR_TOLERANCE)
-        self._edges = line.cells.first[line.cells.inner_count :]
+    def __init__(self, line: LineMesh, laws: CellLaws, scheme: FirstOrder) -> None:
+        self.line, self.laws, self.scheme = line, laws, scheme
+        self._matrix = CellMatrix(line.cells)
+        self._krylov = Krylov(self._matrix, "transport", LINEAR_TOLERANCE)
 
-    def solve(
-        self,
-        levels: TimeLevels,
-        response: Array,
-        deformation: SolidsDeformation,
-        dt: float,
-        inflow: Inflow,
-        effort: dict[str, int],
-        coefficients: TurbulenceCoefficients | None = None,
-    ) -> SolidsTransport:
-        """Solids fraction after the step.
+    def solve(self, step: Step, response: Array) -> tuple[SolidsTransport, int]:
+        """Solids fraction, fluxes and pressure after the step, and the iterations (collective).
 
-        The pressure is the one that has moved the solids: their momentum must feel the same, or
-        the fluctuations that a step brings would throw a packed bed apart.
+        The momentum equation must use this pressure and no other: the change of the pressure in a
+        step would otherwise accelerate a packed bed.
+
+        response (faces) : velocity of the solids per pressure gradient on them [m3 s/kg]
 
         Raises
         ------
         SolverError
             Newton's method fails or the fraction leaves its bounds.
         """
-        old, theta = levels.start, levels.predicted.theta
-        line, cells, limit = self.line, self.line.cells, self.laws.solids.packing_limit
-        inner, edge = line.inner, slice(cells.inner_count, None)
-        share = levels.flux_weight
-        push = (share * response * cells.face_weight)[inner]
-        first, second = cells.first[inner], cells.second
-        rate = line.volume / dt
-        ahead, back, ties = (np.zeros(cells.face_count) for _ in range(3))
-        alpha = np.maximum(old.alpha, 0.0)
-        w = alpha / (limit - alpha)
-
-        lift, spread = 0.0, None
-        if coefficients is not None:
-            lift = 0.0 if coefficients.normal_stress is None else coefficients.normal_stress["k_s"]
-            if coefficients.dispersion is not None:
-                spread = self._spread(levels, coefficients)
-                spread[edge] = 0.0
-
-        def pressure(alpha: Array) -> Array:
-            return self.laws.solids_pressure(alpha, theta, deformation, lift)
-
-        def stiffness(w: Array, p_s: Array) -> Array:
-            step = 1e-7 * (1 + w)
-            found = (pressure(limit * (w + step) / (1 + w + step)) - p_s) / step
-            return np.maximum(found, 0.0)
-
-        p_s = pressure(alpha)
-        stiff = stiffness(w, p_s)
-        # where the pressure is too stiff for the step, its waves would run on without end: there
-        # the flux is that at the end of the step, which damps them
-        ties[inner] = push
-        slow = (stiff * alpha * (1 + w) ** 2)[line.own] / limit
-        sound = cells.ghosted(cells.sum_faces(ties) / rate * slow)
-        sound = np.maximum(sound.take(first), sound.take(second))
-        flux = old.solids_flux - old.pressure_flux
-        trust = levels.acceleration_share[inner]
-        if spread is not None:
-            # what spreads further than a cell in a step is not carried on either
-            wide = cells.ghosted(cells.sum_faces(spread) / rate)
-            trust = trust / (1 + np.maximum(wide.take(first), wide.take(second)) ** 2)
-        carried_on = np.maximum(sound / (1 + sound), trust)
-        span = np.broadcast_to(levels.span_faces, cells.face_count)[inner]
-        flux[inner] += carried_on * span * old.flux_acceleration[inner]
-        if spread is not None:
-            # what eddies have spread is there; what they will spread beyond it is found below
-            flux[inner] += spread[inner] * (alpha.take(second) - alpha.take(first))
-            spread *= share
-        flux[line.inlet] = 0.0
-        if inflow.blocked:
-            flux[line.outlet] = 0.0
-        flux[line.outlet] = np.maximum(flux[line.outlet], 0.0)
-        flux *= share
-        ahead[edge] = np.maximum(flux[edge], 0.0)
-        entering = line.inlet_flux(inflow.solids_velocity) * inflow.solids_fraction
-        entering = entering * share[line.inlet]
-        beyond = np.zeros(cells.face_count)
-        added = levels.span / dt * inflow.sources.solids + levels.previous_source
-
-        def fluxes(alpha: Array, p_s: Array) -> tuple[Array, Array]:
-            """What passes faces, and the fraction upwind of the inner ones."""
-            here, there = alpha.take(first), alpha.take(second)
-            # upwind by what the pressure leaves of the flux: grains at rest do not creep
-            transported = flux[inner] - push * (p_s.take(second) - p_s.take(first))
-            if spread is not None:
-                transported -= spread[inner] * (there - here)
-            np.maximum(transported, 0.0, out=ahead[inner])
-            np.subtract(ahead[inner], transported, out=back[inner])
-            upwind = np.where(transported > 0, here, there)
-            found = np.empty(cells.face_count)
-            np.multiply(transported, upwind, out=found[inner])
-            found[edge] = ahead[edge] * alpha[self._edges]
-            found[line.inlet] = entering
-            found += levels.previous_flux
-            return found, upwind
-
+        cells = self.line.cells
+        equation = _Equation(self.line, self.laws, self.scheme, step, response)
         for iteration in range(1, ITERATIONS + 1):
-            effort["solids fraction"] = iteration
-            through, upwind = fluxes(alpha, p_s)
-            if line.order and iteration <= SECOND_ORDER_SOLVES:
-                beyond = self._beyond(ahead - back, alpha, levels, rate)
-            through += beyond
-            residual = rate * (alpha[: cells.owned] - old.alpha[: cells.owned]) + cells.net_flux(
-                through
-            )
-            residual -= added * line.volume
-            worst = cells.largest(np.abs(residual) / rate)
+            equation.evaluate()
+            if iteration <= self.scheme.solves:
+                equation.correct()
+            residual = equation.residual()
+            worst = cells.largest(np.abs(residual) / equation.rate)
             if not np.isfinite(worst):
                 raise SolverError("the solids fraction is not finite")
             if worst < RESIDUAL:
                 break
-            if iteration > 1:
-                stiff = stiffness(w, p_s)
-            slope = limit / (1 + w) ** 2
-            leave, enter = ahead, back
-            if spread is not None:
-                wider = spread[inner] * upwind
-                leave, enter = ahead.copy(), back.copy()
-                leave[inner] += wider
-                enter[inner] += wider
-            diagonal = (rate + cells.sum_by_side(leave, enter)) * slope[line.own]
-            ties[inner] = pushed = push * upwind
-            diagonal += cells.sum_faces(ties) * stiff[line.own]
-            across = [
-                -(through_it[inner] * slope.take(cell) + pushed * stiff.take(cell))
-                for through_it, cell in ((enter, second), (leave, first))
-            ]
-            self.matrix.set([diagonal], [(across[0], across[1])])
+            self._matrix.set(*equation.jacobian())
             self._krylov.update()
             change = self._krylov.solve(-residual, np.zeros(cells.owned))
-            # w stays positive and finite, and p_s is nearly linear in it
-            own = w[: cells.owned]
-            w = cells.ghosted(np.clip(own + change, 0.1 * own, 10 * (1 + own)))
-            alpha = limit * w / (1 + w)
-            p_s = pressure(alpha)
-            if cells.largest(np.abs(change) * slope[: cells.owned]) < CHANGE:
-                through = fluxes(alpha, p_s)[0] + beyond
+            if equation.update(change) < CHANGE:
+                equation.evaluate()
                 break
         else:
             raise SolverError("Newton's method of the solids fraction does not converge")
-        alpha = old.alpha[: cells.owned] - cells.net_flux(through) / rate + dt * added
-        # round-off may leave an emptied cell below zero
-        lowest = -cells.largest(-alpha)
-        if lowest < -1e-9 or cells.largest(alpha) >= limit:
-            raise SolverError("the solids fraction leaves its bounds")
-        transported = flux
-        transported[inner] = (ahead - back)[inner]
-        transported = transported / share
-        transported[line.inlet] = line.inlet_flux(inflow.solids_velocity)
-        dilation = cells.ghosted(cells.net_flux(transported) / line.volume)
-        flux = (through - levels.previous_flux) / share
-        return SolidsTransport(cells.ghosted(alpha), flux, through, added, p_s, dilation)
+        return equation.result(), iteration
 
-    def _spread(self, levels: TimeLevels, coefficients: TurbulenceCoefficients) -> Array:
-        """Volume flux over -(difference of alpha_s) by which faces follow dispersion [m3/s].
+
+class _Equation:
+    """The equation of one step at the present iterate of Newton's method.
+
+    Attributes
+    ----------
+    rate (owned) : V/dt [m3/s]
+    w, alpha, p_s (cells) : the iterate, its fraction [-] and solids pressure [Pa]
+    """
+
+    def __init__(
+        self, line: LineMesh, laws: CellLaws, scheme: FirstOrder, step: Step, response: Array
+    ) -> None:
+        self.line, self.laws, self.scheme, self.step = line, laws, scheme, step
+        cells, levels, inflow = line.cells, step.levels, step.inflow
+        self.limit, self.rate = laws.solids.packing_limit, line.volume / step.dt
+        self._first, self._second = cells.first[line.inner], cells.second
+        self._edge = slice(cells.inner_count, None)
+        weight = levels.flux_weight
+        self._normal_stress = 0.0
+        if step.turbulence is not None and step.turbulence.normal_stress is not None:
+            self._normal_stress = step.turbulence.normal_stress["k_s"]
+        self.alpha = np.maximum(levels.start.alpha, 0.0)
+        self.w = self.alpha / (self.limit - self.alpha)
+        self.p_s = self._pressure(self.alpha)
+        self._stiffness: Array | None = self._pressure_stiffness()
+        # flux per difference of pressure and of fraction
+        self._response = (weight * response * cells.face_weight)[line.inner]
+        self._dispersion = self._dispersion_coefficient()
+        self._flux = weight * self._flux_without_pressure()
+        if self._dispersion is not None:
+            self._dispersion *= weight
+        # volume fluxes out of the first cells and out of the second
+        self._ahead, self._back, self._on_faces = (np.zeros(cells.face_count) for _ in range(3))
+        self._ahead[self._edge] = np.maximum(self._flux[self._edge], 0.0)
+        entering = line.inlet_flux(inflow.solids_velocity) * inflow.solids_fraction
+        self._entering = entering * weight[line.inlet]
+        self._source = levels.span / step.dt * inflow.sources.solids + levels.previous_source
+        self._correction: Array | float = 0.0
+
+    # -- coefficients --------------------------------------------------------------------------
+
+    def _pressure(self, alpha: Array) -> Array:
+        """Solids pressure [Pa] at a fraction, at the predicted granular temperature."""
+        theta, deformation = self.step.levels.predicted.theta, self.step.deformation
+        return self.laws.solids_pressure(alpha, theta, deformation, self._normal_stress)
+
+    def _pressure_stiffness(self) -> Array:
+        """d(p_s)/dw >= 0 [Pa]."""
+        change = PRESSURE_STEP * (1 + self.w)
+        beyond = self.limit * (self.w + change) / (1 + self.w + change)
+        return np.maximum((self._pressure(beyond) - self.p_s) / change, 0.0)
+
+    def _dispersion_coefficient(self) -> Array | None:
+        """Volume flux over -(difference of alpha) by which eddies disperse solids, or None [m3/s].
 
         With m = a rho/dt of the phases a force F on the solids and -F on the gas, which fill the
         volume together, move the solids by u_s = a_g F/(a_g^2 m_s + a_s^2 m_g + beta).
         """
-        cells, laws = self.line.cells, self.laws
+        turbulence, levels = self.step.turbulence, self.step.levels
+        if turbulence is None or turbulence.dispersion is None:
+            return None
+        cells, gas = self.line.cells, self.laws.gas.density
         alpha = cells.to_faces(levels.now.alpha)
         void, span = 1 - alpha, levels.span_faces
-        gas = laws.gas.density
-        if coefficients.relative_density is not None:
-            gas = gas * cells.to_faces(coefficients.relative_density)
-        inertia = laws.solids.density * void + gas * alpha
-        hold = alpha * void * inertia / span + cells.to_faces(coefficients.drag)
-        return void / hold * cells.to_faces(coefficients.dispersion) * cells.face_weight
+        if turbulence.relative_density is not None:
+            gas = gas * cells.to_faces(turbulence.relative_density)
+        inertia = self.laws.solids.density * void + gas * alpha
+        hold = alpha * void * inertia / span + cells.to_faces(turbulence.drag)
+        found = void / hold * cells.to_faces(turbulence.dispersion) * cells.face_weight
+        found[self._edge] = 0.0
+        return found
 
-    def _beyond(self, transported: Array, alpha: Array, levels: TimeLevels, rate: Array) -> Array:
-        """What slopes in the cells add to the upwind fluxes, within the bounds of the fraction."""
-        line, cells = self.line, self.line.cells
-        gradient = cells.ghosted(cells.gradient(alpha))
-        # a surface is as sharp as its cells: no slope reaches over it into a void
-        void = cells.to_faces((alpha < LONELY_FRACTION).astype(float)) > 0
-        linear = np.where(void, 0.0, levels.second_order_faces)
-        found = linear * line.second_order_flux(
-            transported, alpha, cells.to_faces(alpha)[line.inner], gradient
+    def _flux_without_pressure(self) -> Array:
+        """Volume flux of the solids without the pressure at the end of the step [m3/s]."""
+        line, cells, inner = self.line, self.line.cells, self.line.inner
+        levels, inflow = self.step.levels, self.step.inflow
+        start = levels.start
+        flux = start.solids_flux - start.pressure_flux
+        span = np.broadcast_to(levels.span_faces, cells.face_count)[inner]
+        flux[inner] += self._acceleration_share() * span * start.flux_acceleration[inner]
+        if self._dispersion is not None:
+            # the flux at the start contains the dispersion of the fractions there, and the
+            # equation adds that of the fractions at the end
+            rise = self.alpha.take(self._second) - self.alpha.take(self._first)
+            flux[inner] += self._dispersion[inner] * rise
+        flux[line.inlet] = 0.0
+        if inflow.blocked:
+            flux[line.outlet] = 0.0
+        flux[line.outlet] = np.maximum(flux[line.outlet], 0.0)
+        return flux
+
+    def _acceleration_share(self) -> Array:
+        """Share of the faces' acceleration in the flux at the end of the step, on inner faces.
+
+        Where the pressure is too stiff for the step its waves would persist without damping: there
+        the flux is extrapolated to the end of the step. What disperses by more than a cell in a
+        step is not extrapolated.
+        """
+        cells, own = self.line.cells, self.line.own
+        share = self.step.levels.acceleration_share[self.line.inner]
+        if self._dispersion is not None:
+            share = share / (1 + self._steps_of_cells(self._dispersion, 1.0) ** 2)
+        slope = (self._stiffness * self.alpha * (1 + self.w) ** 2)[own] / self.limit
+        response = np.zeros(cells.face_count)
+        response[self.line.inner] = self._response
+        waves = self._steps_of_cells(response, slope)
+        return np.maximum(waves / (1 + waves), share)
+
+    def _steps_of_cells(self, coefficient: Array, slope: Array | float) -> Array:
+        """Diffusion number of a step, the larger of both cells of each inner face (collective)."""
+        cells = self.line.cells
+        number = cells.ghosted(cells.sum_faces(coefficient) / self.rate * slope)
+        return np.maximum(number.take(self._first), number.take(self._second))
+
+    # -- Newton's method -----------------------------------------------------------------------
+
+    def evaluate(self) -> None:
+        """Fluxes at the iterate."""
+        line, inner = self.line, self.line.inner
+        here, there = self.alpha.take(self._first), self.alpha.take(self._second)
+        # upwind by the flux that the pressure leaves, so that grains at rest do not creep
+        flux = self._flux[inner] - self._response * (
+            self.p_s.take(self._second) - self.p_s.take(self._first)
         )
-        held = levels.start.alpha[line.own] - cells.net_flux(levels.previous_flux) / rate
-        room = self.laws.solids.packing_limit - held
-        return limit_flux(cells, found, MOST_OF_ROOM * rate * held, MOST_OF_ROOM * rate * room)
+        if self._dispersion is not None:
+            flux -= self._dispersion[inner] * (there - here)
+        np.maximum(flux, 0.0, out=self._ahead[inner])
+        np.subtract(self._ahead[inner], flux, out=self._back[inner])
+        self._upwind = np.where(flux > 0, here, there)
+        found = np.empty(line.cells.face_count)
+        np.multiply(flux, self._upwind, out=found[inner])
+        found[self._edge] = self._ahead[self._edge] * self.alpha[line.cells.first[self._edge]]
+        found[line.inlet] = self._entering
+        self._upwind_flux = found + self.step.levels.previous_flux
+
+    def correct(self) -> None:
+        """Replace the correction of second order by that of the iterate."""
+        line, cells, levels = self.line, self.line.cells, self.step.levels
+        # a surface is as sharp as its cells: no slope reaches over it into a void
+        void = cells.to_faces((self.alpha < LONELY_FRACTION).astype(float)) > 0
+        share = np.where(void, 0.0, levels.second_order_faces)
+        kept = levels.start.alpha[line.own] - cells.net_flux(levels.previous_flux) / self.rate
+        most = MOST_OF_ROOM * self.rate
+        self._correction = self.scheme.bounded_correction(
+            self._ahead - self._back, self.alpha, share, most * kept, most * (self.limit - kept)
+        )
+
+    @property
+    def _step_flux(self) -> Array:
+        """Mean flux of the solids in the step, on all faces [m3/s]."""
+        return self._upwind_flux + self._correction
+
+    def residual(self) -> Array:
+        """Imbalance of the owned cells [m3/s]."""
+        line, start = self.line, self.step.levels.start
+        growth = self.rate * (self.alpha[line.own] - start.alpha[line.own])
+        return growth + line.cells.net_flux(self._step_flux) - self._source * line.volume
+
+    def jacobian(self) -> tuple[list[Array], list[tuple[Array, Array]]]:
+        """Derivatives with respect to w, as `CellMatrix.set` takes them."""
+        cells, own, inner = self.line.cells, self.line.own, self.line.inner
+        if self._stiffness is None:
+            self._stiffness = self._pressure_stiffness()
+        stiff, slope = self._stiffness, self.limit / (1 + self.w) ** 2
+        ahead, back = self._ahead, self._back
+        if self._dispersion is not None:
+            wider = self._dispersion[inner] * self._upwind
+            ahead, back = ahead.copy(), back.copy()
+            ahead[inner] += wider
+            back[inner] += wider
+        diagonal = (self.rate + cells.sum_by_side(ahead, back)) * slope[own]
+        self._on_faces[inner] = pressed = self._response * self._upwind
+        diagonal += cells.sum_faces(self._on_faces) * stiff[own]
+        row_of_first, row_of_second = (
+            -(flux[inner] * slope.take(other) + pressed * stiff.take(other))
+            for flux, other in ((back, self._second), (ahead, self._first))
+        )
+        return [diagonal], [(row_of_first, row_of_second)]
+
+    def update(self, change: Array) -> float:
+        """Add a change of w, limited so that w stays positive; the largest change of alpha."""
+        cells, w = self.line.cells, self.w[self.line.own]
+        slope = self.limit / (1 + w) ** 2
+        self.w = cells.ghosted(np.clip(w + change, 0.1 * w, 10 * (1 + w)))
+        self.alpha = self.limit * self.w / (1 + self.w)
+        self.p_s, self._stiffness = self._pressure(self.alpha), None
+        return cells.largest(np.abs(change) * slope)
+
+    # -- the result ----------------------------------------------------------------------------
+
+    def result(self) -> SolidsTransport:
+        """The fraction that the fluxes leave, and these.
+
+        Raises
+        ------
+        SolverError
+            the fraction leaves its bounds.
+        """
+        line, cells, step = self.line, self.line.cells, self.step
+        levels = step.levels
+        step_flux = self._step_flux
+        outflow = cells.net_flux(step_flux) / self.rate
+        alpha = levels.start.alpha[line.own] - outflow + step.dt * self._source
+        if -cells.largest(-alpha) < LOWEST or cells.largest(alpha) >= self.limit:
+            raise SolverError("the solids fraction leaves its bounds")
+        volume_flux = self._flux
+        volume_flux[line.inner] = (self._ahead - self._back)[line.inner]
+        volume_flux = volume_flux / levels.flux_weight
+        volume_flux[line.inlet] = line.inlet_flux(step.inflow.solids_velocity)
+        return SolidsTransport(
+            alpha=cells.ghosted(alpha),
+            flux=(step_flux - levels.previous_flux) / levels.flux_weight,
+            step_flux=step_flux,
+            step_source=self._source,
+            pressure=self.p_s,
+            dilation=cells.ghosted(cells.net_flux(volume_flux) / line.volume),
+        )

@@ -1,18 +1,18 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""A gas whose density follows the pressure at constant temperature, and its mass in a step.
+"""A gas whose density follows the pressure at constant temperature, and its mass balance.
 
-Densities are taken over the reference density, which the gas has at the reference pressure,
+The relative density is the density over the one at the reference pressure,
 
     d = rho_g/rho_ref = p_abs/p_ref,  p_abs = p_outlet + p + d_outlet rho_ref g.(x - x_outlet)
 
-so that mass flows are volume flows at the reference density. The mass of a cell changes as
+so mass flows are volume flows at the reference density. The mass of a cell changes as
 
-    V/dt [(1 - alpha_s) d]_before^after + sum passed = source
-    passed = s d_f (total - solids) + (1 - s) passed_before
+    V/dt [(1 - alpha_s) d]_before^after + sum step_flux = source
+    step_flux = s d_f (total_flux - solids_flux) + (1 - s) step_flux_before
 
-with s = 1 or that of BDF2, one for all faces, so that the total flux of a gas of constant density
-is free of divergence whatever share of its past the flux of the solids takes. d_f, upwind, is
-foreseen: the system of the pressure stays symmetric, and its diagonal gains
+with s = 1, or that of BDF2, on all faces alike: the total flux of a gas of constant density is then
+free of divergence, whatever share of the last step the flux of the solids takes. The density d_f on
+faces is upwind and predicted, so that the pressure system stays symmetric; its diagonal gains
 (1 - alpha_s) V/(dt p_ref).
 """
 
@@ -25,7 +25,8 @@ import numpy as np
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
-from fem_tfm.models.finite_volume.state import Density, Inflow, SolidsTransport, State
+from fem_tfm.models.finite_volume.scheme import FirstOrder
+from fem_tfm.models.finite_volume.state import Density, State, Step
 from fem_tfm.models.finite_volume.time_levels import TimeLevels
 
 # velocity that counts as none, over U
@@ -36,7 +37,7 @@ STILL = 1e-12
 class RelativeDensity:
     """Relative density of the gas in all cells [-].
 
-    now, start, end : before the step, where its levels start, and foreseen for its end
+    now, start, end : of the present state, of the start level, and predicted for the end of a step
     """
 
     now: Array
@@ -50,17 +51,18 @@ class IdealGas:
     Parameters
     ----------
     problem : gas, pressures, gravity
-    line : mesh
+    line, scheme : mesh and order
 
     Attributes
     ----------
     reference : pressure at which the gas has its reference density [Pa]
     density : that density [kg/m3]
     hydrostatic_density : density at the outlet, whose weight p leaves out [kg/m3]
+    outlet_relative_density : on the faces of the outlet [-]
     """
 
-    def __init__(self, problem: UnsteadyProblem, line: LineMesh) -> None:
-        self.line, self.density = line, problem.gas.density
+    def __init__(self, problem: UnsteadyProblem, line: LineMesh, scheme: FirstOrder) -> None:
+        self.line, self.scheme, self.density = line, scheme, problem.gas.density
         self.reference = problem.reference_pressure
         outlet = problem.outlet_pressure or self.reference
         self.hydrostatic_density = self.density * outlet / self.reference
@@ -68,85 +70,80 @@ class IdealGas:
         size, middle = cells.face_area[line.outlet], cells.face_centre[line.outlet]
         area = max(cells.total(size), 1e-300)
         datum = np.array([cells.total(size * middle[:, i]) for i in range(3)]) / area
-        self._level = outlet + (cells.centre - datum) @ weight
+        self._hydrostatic_pressure = outlet + (cells.centre - datum) @ weight
         self.outlet_relative_density = (outlet + (middle - datum) @ weight) / self.reference
 
     def relative(self, p: Array) -> Array:
-        """d at a pressure in all cells."""
-        return (p + self._level) / self.reference
+        """Relative density at a pressure in all cells [-]."""
+        return (p + self._hydrostatic_pressure) / self.reference
 
     def extrapolate(self, levels: TimeLevels, dt: float) -> RelativeDensity:
-        """Densities of a step of `dt` [s] by its levels in time."""
-        now, past = self.relative(levels.now.p), levels.previous
-        if past is None:
+        """Relative densities of a step of `dt` [s]."""
+        now, previous = self.relative(levels.now.p), levels.previous
+        if previous is None:
             return RelativeDensity(now, now, now)
-        before, r = self.relative(past.p), dt / past.dt
+        before, r = self.relative(previous.p), dt / previous.dt
         start = now + levels.ratio * r / (1 + 2 * r) * (now - before)
         return RelativeDensity(now, start, levels.extrapolate(now, before))
 
-    def balance(
-        self,
-        relative_density: RelativeDensity,
-        levels: TimeLevels,
-        transported: SolidsTransport | None,
-        dt: float,
-        inflow: Inflow,
-    ) -> GasBalance:
-        """What a step makes of the gas, behind that of the solids (collective)."""
-        line, cells, own = self.line, self.line.cells, self.line.own
-        past, later = levels.previous, relative_density.end
-        solids, alpha = np.zeros(cells.face_count), levels.now.alpha
-        if transported is not None:
-            solids, alpha = transported.step_flux, transported.alpha
-        faces, upwind = self._on_faces(later, levels.predicted.total_flux - solids)
-        share, kept, fed = 1.0, np.zeros(cells.face_count), inflow.sources.gas
-        if past is not None:
-            w = dt / (past.dt + 2 * dt)
-            share, kept, fed = (
-                1 - w,
-                w * past.gas_step_flux,
-                (1 - w) * fed + w * past.gas_step_source[own],
-            )
-            solids = (solids - w * past.step_flux) / share
-        grown = relative_density.now[own] * (levels.now.alpha - alpha)[own] * line.volume / dt
+    def balance(self, step: Step, relative: RelativeDensity) -> GasBalance:
+        """Mass balance of the gas in a step whose solids fraction is solved (collective)."""
+        line, cells, own, dt = self.line, self.line.cells, self.line.own, step.dt
+        now, previous = step.levels.now, step.levels.previous
+        solids, alpha = np.zeros(cells.face_count), now.alpha
+        if step.solids is not None:
+            solids, alpha = step.solids.step_flux, step.solids.alpha
+        faces, upwind = self._on_faces(relative.end, step.levels.predicted.total_flux - solids)
+        weight, kept, source = 1.0, np.zeros(cells.face_count), step.inflow.sources.gas
+        if previous is not None:
+            before = dt / (previous.dt + 2 * dt)
+            weight, kept = 1 - before, before * previous.gas_step_flux
+            source = weight * source + before * previous.gas_step_source[own]
+            solids = (solids - before * previous.step_flux) / weight
         density = Density(
-            start=self.density * relative_density.start[own],
-            cells=self.density * later[own],
+            start=self.density * relative.start[own],
+            cells=self.density * relative.end[own],
             faces=self.density * faces,
             upwind=self.density * upwind,
             inflow=self.density,
         )
-        rate = (1 - alpha[own]) * line.volume / (dt * self.reference)
-        fed = np.broadcast_to(fed, cells.owned)
-        return GasBalance(line, density, later, solids, share * upwind, kept, rate, grown, fed)
+        return GasBalance(
+            line,
+            density,
+            relative_density=relative.end,
+            solids_flux=solids,
+            flux_weight=weight * upwind,
+            previous_flux=kept,
+            compressibility=(1 - alpha[own]) * line.volume / (dt * self.reference),
+            mass_growth=relative.now[own] * (now.alpha - alpha)[own] * line.volume / dt,
+            source=np.broadcast_to(source, cells.owned),
+        )
 
     def _on_faces(self, relative: Array, flux: Array) -> tuple[Array, Array]:
-        """d of all cells on faces, interpolated and upwind of a flux (collective)."""
+        """Relative density on faces, interpolated and upwind of a flux (collective)."""
         line, cells, inner = self.line, self.line.cells, self.line.inner
-        # of a flux that is nothing but round-off two ranks may see two signs
+        # two ranks may see different signs of a flux that is nothing but round-off
         still = np.abs(flux) < STILL * line.velocity_scale * cells.face_area
-        toward, faces = np.where(still, 0.0, np.sign(flux)), cells.to_faces(relative)
+        direction, faces = np.where(still, 0.0, np.sign(flux)), cells.to_faces(relative)
         upwind = np.where(still, faces, relative[cells.first])
-        upwind[inner] = np.where(toward[inner] < 0, relative[cells.second], upwind[inner])
-        if line.order:
-            slope = cells.ghosted(cells.gradient(relative))
-            upwind += toward * line.second_order_flux(toward, relative, faces[inner], slope)
+        upwind[inner] = np.where(direction[inner] < 0, relative[cells.second], upwind[inner])
+        upwind += direction * self.scheme.correction(direction, relative, faces[inner])
         upwind[line.outlet] = faces[line.outlet] = self.outlet_relative_density
         return faces, upwind
 
 
 @dataclass(frozen=True)
 class GasBalance:
-    """Mass of the gas in a step, as volumes at the reference density.
+    """Mass balance of the gas in a step, as volumes at the reference density.
 
-    density : for its momentum
-    relative_density : d foreseen, in all cells
-    solids_flux (faces) : volume flux of the solids, which the levels make what has passed [m3/s]
+    density : for the momentum equation
+    relative_density : predicted for the end of the step, in all cells [-]
+    solids_flux (faces) : volume flux of the solids that makes their mean flux in the step [m3/s]
     flux_weight, previous_flux (faces) : the mean flux of the gas in the step is `flux_weight` times
         its volume flux plus `previous_flux` [m3/s]
-    compressibility (owned) : growth of the mass in a step with the pressure [m3/s/Pa]
-    mass_growth (owned) : growth at the pressure before the step [m3/s]
-    source (owned) : what comes in without passing the boundary [1/s]
+    compressibility (owned) : growth of the mass in the step per change of pressure [m3/s/Pa]
+    mass_growth (owned) : growth at the present pressure [m3/s]
+    source (owned) : mean source in the step [1/s]
     """
 
     line: LineMesh
@@ -159,39 +156,35 @@ class GasBalance:
     mass_growth: Array
     source: Array
 
-    def step_flux(self, total: Array) -> Array:
-        """What passes the faces in the step at a volume flux of both phases [m3/s]."""
-        return self.flux_weight * (total - self.solids_flux) + self.previous_flux
+    def step_flux(self, total_flux: Array) -> Array:
+        """Mean flux of the gas in the step at a total flux of both phases [m3/s]."""
+        return self.flux_weight * (total_flux - self.solids_flux) + self.previous_flux
 
-    def residual(self, total: Array, change: Array | float = 0.0) -> Array:
-        """What owned cells gain and lose beyond what they are fed [m3/s].
+    def residual(self, total_flux: Array, change: Array | float = 0.0) -> Array:
+        """Imbalance of the owned cells [m3/s].
 
         change (owned) : of the pressure [Pa]
         """
-        leaving = self.line.cells.net_flux(self.step_flux(total))
-        return (
-            self.mass_growth
-            + self.compressibility * change
-            + leaving
-            - self.source * self.line.volume
-        )
+        growth = self.mass_growth + self.compressibility * change
+        outflow = self.line.cells.net_flux(self.step_flux(total_flux))
+        return growth + outflow - self.source * self.line.volume
 
-    def close(self, total: Array, change: Array) -> tuple[Array, Array]:
-        """Flux and change of pressure that conserve the mass of the line exactly (collective).
+    def close(self, total_flux: Array, change: Array) -> tuple[Array, Array]:
+        """Flux and pressure change that conserve the mass of the line exactly (collective).
 
-        What the linear solver has left goes out through the outlet, or raises the pressure where
-        there is none.
+        The remainder of the linear solver leaves through the outlet; without an outlet it raises
+        the pressure.
         """
         cells, outlet = self.line.cells, self.line.outlet
-        left = cells.total(self.residual(total, change[self.line.own]))
+        left = cells.total(self.residual(total_flux, change[self.line.own]))
         if not self.line.has_outlet:
-            return total, change - left / cells.total(self.compressibility)
+            return total_flux, change - left / cells.total(self.compressibility)
         size = cells.face_area[outlet]
-        total[outlet] -= left * size / (cells.total(size) * self.flux_weight[outlet])
-        return total, change
+        total_flux[outlet] -= left * size / (cells.total(size) * self.flux_weight[outlet])
+        return total_flux, change
 
 
-def gas_volume(gas: IdealGas | None, at: State, volume: Array) -> Array:
-    """Gas in owned cells, as volumes at the reference density [m3]."""
-    void = (1 - at.alpha[: volume.size]) * volume
-    return void if gas is None else void * gas.relative(at.p)[: volume.size]
+def gas_volume(gas: IdealGas | None, state: State, volume: Array) -> Array:
+    """Gas in the owned cells, as volumes at the reference density [m3]."""
+    void = (1 - state.alpha[: volume.size]) * volume
+    return void if gas is None else void * gas.relative(state.p)[: volume.size]

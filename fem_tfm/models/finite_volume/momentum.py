@@ -1,5 +1,17 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Momentum of a step: both phases with their drag, and the components that sides tie."""
+"""Momentum equations: both phases with their drag in one matrix, at the present pressure.
+
+    m_i (u_i - u_i_start)/dt + div(m_i u_i u_i) = div(tau_i) - alpha_i grad p - grad p_i
+        + alpha_i (rho_i - rho_0) g +- beta (u_g - u_s) +- dispersion,   m_i = alpha_i rho_i
+
+rho_0 is the density whose weight p leaves out. Diffusion mu grad u is implicit; the rest of the
+stress follows the present velocity and, at second order, that of a first solve. Walls and planes
+of symmetry couple the components of the cells next to them, where they do not lie along the axes.
+
+Pressure, weight and dispersion act on faces. Cells take their accelerations from their faces, and
+the pressure equation gets the forces of the faces in excess of the interpolated ones: the pressure
+does not oscillate, and fluids at rest stay at rest.
+"""
 
 from __future__ import annotations
 
@@ -14,116 +26,121 @@ from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
-from fem_tfm.models.finite_volume.ideal_gas import GasBalance
-from fem_tfm.models.finite_volume.laws import CellLaws
+from fem_tfm.models.finite_volume.laws import CellLaws, SolidsCoefficients
+from fem_tfm.models.finite_volume.scheme import FirstOrder
 from fem_tfm.models.finite_volume.state import (
-    SECOND_ORDER_SOLVES,
     SMALLEST_FRACTION,
     TRANSPORT_TOLERANCE,
     Density,
-    Inflow,
     Phase,
-    SolidsDeformation,
-    SolidsTransport,
-    State,
-    TurbulenceCoefficients,
+    Step,
 )
 from fem_tfm.models.finite_volume.time_levels import TimeLevels
 
-# residual that ends the solver, over U in every cell
+# residual that ends the linear solver, over U in every cell
 SMALL_VELOCITY = 1e-9
-# product of two components of a side's normal that ties them
-SMALLEST_TIE = 1e-9
+# product of two components of a normal that couples them
+SMALLEST_COUPLING = 1e-9
 
 
 @dataclass(frozen=True)
 class _Equation:
-    """Momentum of one phase in all owned cells.
+    """Momentum equation of one phase without drag, in the owned cells.
 
-    diagonal, across : of the matrix, as `CellMatrix.set` takes them
+    diagonal, across : of the matrix, as `CellMatrix.set` takes them [kg/s]
     wall_stiffness : normal force of walls and planes of symmetry over the velocity of the cells
         next to them, (edges, 3, 3) [kg/s]
-    side, lagging : right-hand side, and its part that follows the velocity [N]
+    rhs : right-hand side [N]
+    explicit : its part that follows the velocity [N]
     """
 
     diagonal: Array
     across: tuple[Array, Array]
     wall_stiffness: Array
-    side: Array
-    lagging: Array
+    rhs: Array
+    explicit: Array
 
 
 class _System:
-    """Equations of components that sides tie to each other.
+    """Linear system of components that walls and planes of symmetry couple.
 
-    components : of the velocities, which this matrix holds
-    edges : cells at sides
+    components : of the velocities
+    edges : cells next to walls and planes of symmetry
     width : number of phases
     """
 
     def __init__(self, cells: Cells, edges: Array, components: list[int], width: int) -> None:
         self.components, self._edges = components, edges
         self._matrix = CellMatrix(cells, width, len(components), edges)
-        self.krylov = Krylov(self._matrix, "transport", TRANSPORT_TOLERANCE)
+        self._krylov = Krylov(self._matrix, "transport", TRANSPORT_TOLERANCE)
 
-    def set(self, equations: list[_Equation], coupling: Array) -> None:
-        """The matrix, with the drag [kg/s] between the phases."""
+    def set(self, equations: list[_Equation], drag: Array) -> None:
+        """The matrix, with the drag coefficient [kg/s] between the phases."""
         diagonal = []
         for i in self.components:
             blocks = [one.diagonal.copy() for one in equations]
             for block, one in zip(blocks, equations, strict=True):
                 block[self._edges] += one.wall_stiffness[:, i, i]
             if len(blocks) == 2:
-                blocks = [blocks[0] + coupling, -coupling, -coupling, blocks[1] + coupling]
+                blocks = [blocks[0] + drag, -drag, -drag, blocks[1] + drag]
             diagonal += blocks
         pairs = itertools.permutations(self.components, 2)
-        ties = [one.wall_stiffness[:, i, j] for i, j in pairs for one in equations]
-        self._matrix.set(diagonal, [one.across for one in equations], ties)
-        self.krylov.update()
+        couplings = [one.wall_stiffness[:, i, j] for i, j in pairs for one in equations]
+        self._matrix.set(diagonal, [one.across for one in equations], couplings)
+        self._krylov.update()
 
-    def solve(self, side: Array, start: Array, enough: float) -> Array:
-        """Its components (cells, components, phases) of those of `side` and `start`."""
-        given, guess = (values[:, self.components] for values in (side, start))
-        return self.krylov.solve(given.ravel(), guess.ravel(), enough).reshape(given.shape)
+    def solve(self, rhs: Array, guess: Array, enough: float) -> tuple[Array, int]:
+        """Its components (cells, components, phases) of all, and the iterations."""
+        rhs, guess = (values[:, self.components] for values in (rhs, guess))
+        found = self._krylov.solve(rhs.ravel(), guess.ravel(), enough).reshape(rhs.shape)
+        return found, self._krylov.iterations
 
 
 class Momentum:
-    """Velocities that forces, stresses and drag give with the old pressure.
+    """The equations of both phases with their matrices.
 
     Parameters
     ----------
-    line, laws : mesh and coefficients
-    gravity : vector [m/s2]
-    lifted : density of the gas whose weight the pressure leaves out [kg/m3]
+    line, laws, scheme : mesh, coefficients, order
+    gravity : acceleration (3,) [m/s2]
+    hydrostatic_density : density whose weight the pressure leaves out [kg/m3]
     """
 
-    def __init__(self, line: LineMesh, laws: CellLaws, gravity: Array, lifted: float) -> None:
-        self.line, self.laws, self._lifted = line, laws, lifted
-        # rises along the normals, for the weight of a phase [m/s2]
-        self._weight = line.normal @ gravity
+    def __init__(
+        self,
+        line: LineMesh,
+        laws: CellLaws,
+        scheme: FirstOrder,
+        gravity: Array,
+        hydrostatic_density: float,
+    ) -> None:
+        self.line, self.laws, self.scheme = line, laws, scheme
+        self._hydrostatic_density = hydrostatic_density
+        # along the normals [m/s2]
+        self._gravity = line.normal @ gravity
         if laws.solids is not None:
-            self._body_force = BodyForceBalance(line, gravity, laws.solids.density - lifted)
-        self._area, self._non_orthogonal = (
-            part[line.inner].T for part in (line.cells.area, line.cells.non_orthogonal)
-        )
-        # cells at sides of the line, the sum over their faces there, and n n of these
-        normal, faces = (
-            line.normal[line.impermeable],
-            np.arange(line.impermeable.stop - line.impermeable.start),
-        )
+            excess = laws.solids.density - hydrostatic_density
+            self._body_force = BodyForceBalance(line, gravity, excess)
+        self._area = line.cells.area[line.inner].T
+        self._non_orthogonal = line.cells.non_orthogonal[line.inner].T
+        # cells next to walls and planes of symmetry, the sum over their faces there, n n of these
+        normal = line.normal[line.impermeable]
         self._edges, edge = np.unique(line.cells.first[line.impermeable], return_inverse=True)
-        shape = self._edges.size, faces.size
-        self._gather = sparse.csr_array((np.ones(faces.size), (edge, faces)), shape=shape)
-        self._across = (normal[:, :, None] * normal[:, None, :]).reshape(-1, 9)
-        self._along = np.eye(3).ravel() - self._across
+        entries = np.ones(edge.size), (edge, np.arange(edge.size))
+        self._gather = sparse.csr_array(entries, shape=(self._edges.size, edge.size))
+        self._normal_part = (normal[:, :, None] * normal[:, None, :]).reshape(-1, 9)
+        self._tangential_part = np.eye(3).ravel() - self._normal_part
         width = 1 if laws.solids is None else 2
-        self._systems = [_System(line.cells, self._edges, tied, width) for tied in self._tied()]
+        self._systems = [
+            _System(line.cells, self._edges, group, width) for group in self._coupled_components()
+        ]
 
-    def _tied(self) -> list[list[int]]:
-        """Components that sides tie to each other: none where all sides lie along the axes."""
+    def _coupled_components(self) -> list[list[int]]:
+        """Groups of components that the normals of walls and planes of symmetry couple."""
         groups = [[0], [1], [2]]
         for i, j in itertools.combinations(range(3), 2):
-            if self.line.cells.largest(np.abs(self._across[:, 3 * i + j])) > SMALLEST_TIE:
+            largest = self.line.cells.largest(np.abs(self._normal_part[:, 3 * i + j]))
+            if largest > SMALLEST_COUPLING:
                 both = [group for group in groups if i in group or j in group]
                 groups = [group for group in groups if group not in both]
                 groups.append(sorted({k for group in both for k in group}))
@@ -131,325 +148,277 @@ class Momentum:
 
     # -- the phases ----------------------------------------------------------------------------
 
-    def phases(
-        self,
-        at: State,
-        levels: TimeLevels,
-        start: State,
-        transported: SolidsTransport | None,
-        deformation: SolidsDeformation,
-        coefficients: TurbulenceCoefficients | None = None,
-        gas_balance: GasBalance | None = None,
-    ) -> list[Phase]:
-        """Phases that step from `start`, the gas last, with coefficients of `at`.
-
-        coefficients : what turbulence does, None where an algebraic law of the gas is all
-        gas_balance : the gas, None where its density is constant
-        """
-        if transported is None:
-            alone = np.ones(self.line.cells.face_count)
-            return [self._gas(at, levels, start, transported, alone, coefficients, gas_balance)]
-        solids = self._solids(at, levels, start, transported, deformation, coefficients)
-        gas = self._gas(
-            at, levels, start, transported, 1 - solids.face_fraction, coefficients, gas_balance
-        )
-        if coefficients is None or coefficients.dispersion is None:
+    def phases(self, step: Step) -> list[Phase]:
+        """Coefficients of the phases, the gas last (collective)."""
+        if step.solids is None:
+            return [self._gas(step, np.ones(self.line.cells.face_count))]
+        solids = self._solids(step)
+        gas = self._gas(step, 1 - solids.face_fraction)
+        if step.turbulence is None or step.turbulence.dispersion is None:
             return [solids, gas]
-        force = self._dispersion_force(at, coefficients)
+        force = self._dispersion_force(step.state.alpha, step.turbulence.dispersion)
         return [replace(solids, dispersion_force=-force), replace(gas, dispersion_force=force)]
 
-    def _dispersion_force(self, at: State, coefficients: TurbulenceCoefficients) -> Array:
-        """Force on the gas by which eddies spread the solids, along the normals of faces [N/m3]."""
-        cells, inner, alpha = self.line.cells, self.line.inner, at.alpha
+    def _dispersion_force(self, alpha: Array, coefficient: Array) -> Array:
+        """Force on the gas by which eddies disperse solids, along the normals of faces [N/m3]."""
+        cells, inner = self.line.cells, self.line.inner
         force = np.zeros(cells.face_count)
         rise = alpha[cells.second] - alpha[cells.first[inner]]
-        force[inner] = (
-            cells.to_faces(coefficients.dispersion)[inner]
-            * rise
-            * self.line.inverse_distance[inner]
-        )
+        coefficient = cells.to_faces(coefficient)[inner]
+        force[inner] = coefficient * rise * self.line.inverse_distance[inner]
         return force
 
-    def _solids(
-        self,
-        at: State,
-        levels: TimeLevels,
-        start: State,
-        transported: SolidsTransport,
-        deformation: SolidsDeformation,
-        coefficients: TurbulenceCoefficients | None,
-    ) -> Phase:
-        laws, line = self.laws, self.line
-        grains = laws.grains(at.alpha, at.theta, deformation)
-        mu = grains.kinetic.shear_viscosity + grains.mu_f
-        if coefficients is not None:
-            mu = mu + np.maximum(at.alpha, 0.0) * laws.solids.density * coefficients.nu_s
-        edge, wall = line.cells.first[line.wall], line.wall
-        if laws.laws.solids_wall.strong:
-            wall_friction = mu[edge] * line.cells.face_weight[wall]
-        else:
-            slip = laws.slip(at.u_s[edge], line.normal[wall])
-            state = laws.wall_state(at.alpha, at.theta, grains, slip, edge)
-            wall_friction = laws.solids_friction(state) * line.cells.face_area[wall]
-        support = self._body_force.support(at.alpha, transported.pressure)
-        # what a void lacks of the smallest fraction moves with the gas
+    def _solids(self, step: Step) -> Phase:
+        """Coefficients of the solids."""
+        laws, state, levels, solids = self.laws, step.state, step.levels, step.solids
+        start = levels.start
+        found = laws.grains(state.alpha, state.theta, step.deformation)
+        viscosity, bulk = found.kinetic.shear_viscosity + found.mu_f, found.kinetic.bulk_viscosity
+        if step.turbulence is not None:
+            density = np.maximum(state.alpha, 0.0) * laws.solids.density
+            viscosity = viscosity + density * step.turbulence.nu_s
+        support = self._body_force.support(state.alpha, solids.pressure)
+        # the part of the smallest fraction that a void lacks moves with the gas
         absent = np.clip(1 - start.alpha / SMALLEST_FRACTION, 0.0, 1.0)[:, None]
         mass = laws.solids.density * np.maximum(start.alpha, SMALLEST_FRACTION)
         return Phase(
             name="solids",
             density=Density.constant(laws.solids.density),
-            fraction=at.alpha,
+            fraction=state.alpha,
             fraction_start=start.alpha,
             velocity_start=start.u_s + absent * (start.u_g - start.u_s),
             velocity_now=levels.now.u_s,
-            flux=transported.flux,
-            viscosity=mu,
-            bulk_viscosity=grains.kinetic.bulk_viscosity,
-            gradient=deformation.gradient,
-            wall_friction=wall_friction,
-            pressure=transported.pressure,
+            flux=solids.flux,
+            viscosity=viscosity,
+            bulk_viscosity=bulk,
+            gradient=step.deformation.gradient,
+            wall_friction=self._wall_friction_of_solids(step, found, viscosity),
+            pressure=solids.pressure,
             face_fraction=support.fraction,
             support=support,
-            implicit_correction=self._implicit_correction(
-                grains.kinetic.bulk_viscosity, mass, levels
-            ),
+            implicit_correction=self._implicit_correction(bulk, mass, levels),
         )
 
-    def _gas(
-        self,
-        at: State,
-        levels: TimeLevels,
-        start: State,
-        transported: SolidsTransport | None,
-        share: Array,
-        coefficients: TurbulenceCoefficients | None,
-        gas_balance: GasBalance | None,
-    ) -> Phase:
-        laws, line, cells = self.laws, self.line, self.line.cells
-        edge, wall = cells.first[line.wall], line.wall
+    def _wall_friction_of_solids(
+        self, step: Step, coefficients: SolidsCoefficients, viscosity: Array
+    ) -> Array:
+        """Tangential force over velocity on the wall's faces [kg/s]."""
+        laws, line, state = self.laws, self.line, step.state
+        edge, wall = line.cells.first[line.wall], line.wall
+        if laws.laws.solids_wall.strong:
+            return viscosity[edge] * line.cells.face_weight[wall]
+        slip = laws.slip(state.u_s[edge], line.normal[wall])
+        at_wall = laws.wall_state(state.alpha, state.theta, coefficients, slip, edge)
+        return laws.solids_friction(at_wall) * line.cells.face_area[wall]
+
+    def _gas(self, step: Step, face_fraction: Array) -> Phase:
+        """Coefficients of the gas."""
+        laws, line, state, levels = self.laws, self.line, step.state, step.levels
         density = Density.constant(laws.gas.density)
-        if gas_balance is not None:
-            density, laws = gas_balance.density, laws.of(gas_balance.relative_density)
-        void = 1 - at.alpha
-        if coefficients is None:
-            gradient = cells.ghosted(cells.gradient(levels.now.u_g))
-            mu = laws.gas_viscosity(gradient, *line.gas_profile)
-            if levels.previous is not None:
-                before = cells.ghosted(cells.gradient(levels.previous.u_g))
-                mu = levels.extrapolate(mu, laws.gas_viscosity(before, *line.gas_profile))
-        else:
-            gradient = coefficients.gradient
-            mu = (laws.gas.viscosity + coefficients.mu_t) / line.gas_profile[1]
-        mu = void * mu
-        flux = at.total_flux - (0.0 if transported is None else transported.flux)
+        if step.gas is not None:
+            density, laws = step.gas.density, laws.of(step.gas.relative_density)
+        void = 1 - state.alpha
+        viscosity, gradient = self._gas_viscosity(step, laws)
+        viscosity = void * viscosity
+        flux = state.total_flux - (0.0 if step.solids is None else step.solids.flux)
         flux[line.inlet] = 0.0
-        if laws.laws.gas_wall.strong:
-            wall_friction = mu[edge] * cells.face_weight[wall]
-        else:
-            slip = laws.slip(at.u_g[edge], line.normal[wall])
-            k = at.scales["k"][edge] if "k" in at.scales else None
-            beside = laws.within(edge)
-            friction = beside.gas_friction(void[edge], slip, line.wall_height, k)
-            wall_friction = friction * cells.face_area[wall]
-        implicit_correction = None
-        if not laws.laws.turbulence.transported and (mu > laws.gas.viscosity).any():
-            eddy = np.maximum(mu - void * laws.gas.viscosity, 0.0)
-            implicit_correction = self._implicit_correction(eddy, void * laws.gas.density, levels)
-        eddies = None
-        if coefficients is not None and coefficients.normal_stress is not None:
-            eddies = void * laws.gas.density * coefficients.normal_stress["k"]
+        correction = None
+        if not laws.laws.turbulence.transported and (viscosity > laws.gas.viscosity).any():
+            eddy = np.maximum(viscosity - void * laws.gas.viscosity, 0.0)
+            correction = self._implicit_correction(eddy, void * laws.gas.density, levels)
+        pressure = None
+        if step.turbulence is not None and step.turbulence.normal_stress is not None:
+            pressure = void * laws.gas.density * step.turbulence.normal_stress["k"]
         return Phase(
             name="gas",
             density=density,
             fraction=void,
-            fraction_start=1 - start.alpha,
-            velocity_start=start.u_g,
+            fraction_start=1 - levels.start.alpha,
+            velocity_start=levels.start.u_g,
             velocity_now=levels.now.u_g,
             flux=flux,
-            viscosity=mu,
-            bulk_viscosity=np.zeros_like(mu),
+            viscosity=viscosity,
+            bulk_viscosity=np.zeros_like(viscosity),
             gradient=gradient,
-            wall_friction=wall_friction,
-            pressure=eddies,
-            face_fraction=share,
+            wall_friction=self._wall_friction_of_gas(step, laws, viscosity),
+            pressure=pressure,
+            face_fraction=face_fraction,
             support=None,
-            implicit_correction=implicit_correction,
+            implicit_correction=correction,
         )
 
+    def _gas_viscosity(self, step: Step, laws: CellLaws) -> tuple[Array, Array]:
+        """Viscosity of the gas, eddies included, over its fraction [Pa s], and grad u_g [1/s]."""
+        line, cells, levels = self.line, self.line.cells, step.levels
+        if step.turbulence is not None:
+            viscosity = (laws.gas.viscosity + step.turbulence.mu_t) / line.gas_profile[1]
+            return viscosity, step.turbulence.gradient
+        gradient = cells.ghosted(cells.gradient(levels.now.u_g))
+        viscosity = laws.gas_viscosity(gradient, *line.gas_profile)
+        if levels.previous is not None:
+            before = cells.ghosted(cells.gradient(levels.previous.u_g))
+            before = laws.gas_viscosity(before, *line.gas_profile)
+            viscosity = levels.extrapolate(viscosity, before)
+        return viscosity, gradient
+
+    def _wall_friction_of_gas(self, step: Step, laws: CellLaws, viscosity: Array) -> Array:
+        """Tangential force over velocity on the wall's faces [kg/s]."""
+        line, cells, state = self.line, self.line.cells, step.state
+        edge, wall = cells.first[line.wall], line.wall
+        if laws.laws.gas_wall.strong:
+            return viscosity[edge] * cells.face_weight[wall]
+        slip = laws.slip(state.u_g[edge], line.normal[wall])
+        k = state.scales["k"][edge] if "k" in state.scales else None
+        void = 1 - state.alpha[edge]
+        friction = laws.within(edge).gas_friction(void, slip, line.wall_height, k)
+        return friction * cells.face_area[wall]
+
     def _implicit_correction(self, viscosity: Array, mass: Array, levels: TimeLevels) -> Array:
-        """What the matrix holds of a stress beyond mu S that lags a step behind, of faces [kg/s].
+        """Stiffness on faces of an explicit stress, by which the matrix stabilises it [kg/s].
 
-        mu_t of a mixing length grows with the shear S: with that of the state before the step
-        S_new S_old stays what the stress makes it. A bulk viscosity above mu throws the few grains
-        beside a bed from side to side. Where inertia does not hold S both swing for ever. As much
-        in the matrix, less what that adds at the velocities before, ends it.
+        The eddy viscosity of a mixing length grows with the shear; taken from the present state it
+        makes the shear alternate from step to step where inertia does not hold it. So does a bulk
+        viscosity above the viscosity with the few grains beside a bed. Diffusion by this stiffness
+        is added to the matrix, and subtracted explicitly with the present velocity.
 
-        viscosity, mass : of the lagging stress [Pa s], of the phase [kg/m3]
+        viscosity : of that stress [Pa s]
+        mass : of the phase over the volume [kg/m3]
         """
         cells, inner = self.line.cells, self.line.inner
-        lagging = cells.to_faces(viscosity) * cells.face_weight
-        lagging[cells.inner_count :] = 0.0
-        held = mass * cells.volume
+        stiffness = cells.to_faces(viscosity) * cells.face_weight
+        stiffness[cells.inner_count :] = 0.0
+        mass = mass * cells.volume
         inertia = np.zeros(cells.face_count)
-        inertia[inner] = np.minimum(held[cells.first[inner]], held[cells.second])
-        return lagging**2 / np.maximum(lagging + inertia / levels.span_faces, 1e-300)
+        inertia[inner] = np.minimum(mass[cells.first[inner]], mass[cells.second])
+        return stiffness**2 / np.maximum(stiffness + inertia / levels.span_faces, 1e-300)
 
     # -- forces --------------------------------------------------------------------------------
 
     def supported_weight(self, alpha: Array, p_s: Array) -> Array:
-        """Weight of the solids along normals, no more than p_s bears [N/m3] (collective)."""
+        """Weight of the solids along normals, at most what p_s carries [N/m3] (collective)."""
         line, cells, inner = self.line, self.line.cells, self.line.inner
-        share = self._body_force.support(alpha, p_s).fraction
-        weight = share * (self.laws.solids.density - self._lifted) * self._weight
-        rise = np.zeros(cells.face_count)
-        rise[inner] = (p_s[cells.second] - p_s[cells.first[inner]]) * line.inverse_distance[inner]
-        return np.clip(weight, np.minimum(rise, 0.0), np.maximum(rise, 0.0))
-
-    def forces(
-        self, at: State, phases: list[Phase], beta: Array, levels: TimeLevels, inflow: Inflow
-    ) -> tuple[list[Array], list[Array]]:
-        """Accelerations by pressures and weight: vectors in cells, and what faces have beyond them.
-
-        The second is the force [N/m3] along the normals of the faces that interpolated cells lack.
-        Cells of the gas take the mean of what the forces of their faces make of its velocity
-        against inertia and drag, as the projection does: beside a bed, where hardly any drag holds
-        it, gas would else take off with half of the pressure that drives it through the bed.
-        """
-        line, cells, inner = self.line, self.line.cells, self.line.inner
+        fraction = self._body_force.support(alpha, p_s).fraction
+        weight = fraction * (self.laws.solids.density - self._hydrostatic_density) * self._gravity
         slope = np.zeros(cells.face_count)
-        first, second = cells.first[inner], cells.second
-        slope[inner] = (at.p[second] - at.p[first]) * line.inverse_distance[inner]
-        slope[line.outlet] = -at.p[cells.first[line.outlet]] * line.inverse_distance[line.outlet]
-        gaps, accelerated = [], []
-        for phase in phases:
-            # a void has no weight
-            force = -phase.face_fraction * slope
-            force += phase.face_fraction * (phase.density.faces - self._lifted) * self._weight
-            if phase.pressure is not None:
-                p_s = phase.pressure
-                force[inner] -= (p_s[second] - p_s[first]) * line.inverse_distance[inner]
-            if phase.dispersion_force is not None:
-                force += phase.dispersion_force
-            force *= line.open
-            if phase.name == "solids" and inflow.blocked:
-                force[line.outlet] = 0.0
-            mass = phase.density.faces * np.maximum(phase.face_fraction, SMALLEST_FRACTION)
-            if phase.support is None:
-                hold = mass / levels.span_faces + cells.to_faces(beta)
-                vector = cells.ghosted(line.reconstruct(force / hold))
-                average = hold * (cells.flux(vector) / cells.face_area)
-                held = phase.density.cells * np.maximum(phase.fraction[line.own], SMALLEST_FRACTION)
-                vector = vector[line.own] * (1 / levels.span + beta[line.own] / held)[:, None]
-            else:
-                vector = cells.ghosted(line.reconstruct(force / mass, phase.support.partial_faces))
-                held = np.maximum(phase.fraction, SMALLEST_FRACTION)
-                average = self._body_force.mean_force(phase.support, held, vector)
-                average *= phase.density.faces
-            gaps.append(force - average * line.open)
-            accelerated.append(vector)
-        return gaps, accelerated
+        slope[inner] = (p_s[cells.second] - p_s[cells.first[inner]]) * line.inverse_distance[inner]
+        return np.clip(weight, np.minimum(slope, 0.0), np.maximum(slope, 0.0))
 
-    def _stress(self, phase: Phase, velocity: Array, gradient: Array) -> Array:
-        """What the implicit difference leaves of the viscous force on the owned cells [N]."""
-        cells, inner, sides = self.line.cells, self.line.inner, self.line.impermeable
-        # one array for each component, which is several times as fast as one of tensors
-        rate = [cells.to_faces(part)[inner] for part in gradient.reshape(-1, 9).T]
-        mu = cells.to_faces(phase.viscosity)[inner]
-        bulk = cells.to_faces(phase.bulk_viscosity)[inner] - 2 / 3 * mu
-        trace = bulk * (rate[0] + rate[4] + rate[8])
-        force = np.zeros((cells.face_count, 3))
-        for i in range(3):
-            turned = sum(
-                rate[3 * j + i] * self._area[j] + rate[3 * i + j] * self._non_orthogonal[j]
-                for j in range(3)
-            )
-            force[inner, i] = mu * turned + trace * self._area[i]
-        if phase.implicit_correction is not None:
-            rise = velocity.take(cells.first[inner], axis=0) - velocity.take(cells.second, axis=0)
-            force[inner] += phase.implicit_correction[inner, None] * rise
-        # what spreads along a side; the rest of its normal stress is in the matrix
-        edge = cells.first[sides]
-        along = np.einsum("nk,nk->n", self._along, gradient.reshape(-1, 9)[edge])
-        along *= phase.bulk_viscosity[edge] - 2 / 3 * phase.viscosity[edge]
-        force[sides] = along[:, None] * cells.area[sides]
-        return cells.net_flux(force)
+    def forces(self, step: Step, phases: list[Phase]) -> tuple[list[Array], list[Array]]:
+        """Face forces in excess of the cells', and accelerations of the cells, of the phases.
 
-    def _wall_stiffness(self, phase: Phase) -> Array:
-        """Force over the velocity by which sides hold the cells next to them, (edges, 3, 3) [kg/s].
-
-        Nothing passes a side, so that the normal velocity falls to zero within its cells: there the
-        normal stress is (4/3 mu + bulk) du_n/dn beside that of what spreads along the side.
+        The first are forces along the normals of all faces less those interpolated from the cells
+        [N/m3], the second vectors (cells, 3) [m/s2].
         """
+        slope, face_forces, accelerations = self._pressure_slope(step.state.p), [], []
+        for phase in phases:
+            force = self._face_force(step, phase, slope)
+            of_cells = self._solids_force if phase.support is not None else self._gas_force
+            interpolated, acceleration = of_cells(step, phase, force)
+            face_forces.append(force - interpolated * self.line.open)
+            accelerations.append(acceleration)
+        return face_forces, accelerations
+
+    def _pressure_slope(self, p: Array) -> Array:
+        """dp/dn on all faces [Pa/m]; p is zero at the outlet."""
+        line, cells, inner = self.line, self.line.cells, self.line.inner
+        slope, outlet = np.zeros(cells.face_count), line.outlet
+        slope[inner] = (p[cells.second] - p[cells.first[inner]]) * line.inverse_distance[inner]
+        slope[outlet] = -p[cells.first[outlet]] * line.inverse_distance[outlet]
+        return slope
+
+    def _face_force(self, step: Step, phase: Phase, slope: Array) -> Array:
+        """Pressures, weight and dispersion along the normals of faces [N/m3]."""
+        line, cells, inner = self.line, self.line.cells, self.line.inner
+        # a void has no weight
+        force = -phase.face_fraction * slope
+        excess = phase.density.faces - self._hydrostatic_density
+        force += phase.face_fraction * excess * self._gravity
+        if phase.pressure is not None:
+            p_i = phase.pressure
+            rise = p_i[cells.second] - p_i[cells.first[inner]]
+            force[inner] -= rise * line.inverse_distance[inner]
+        if phase.dispersion_force is not None:
+            force += phase.dispersion_force
+        force *= line.open
+        if phase.name == "solids" and step.inflow.blocked:
+            force[line.outlet] = 0.0
+        return force
+
+    def _gas_force(self, step: Step, phase: Phase, force: Array) -> tuple[Array, Array]:
+        """Force interpolated from the cells to faces, and acceleration of the owned cells.
+
+        The cells average the velocities that the face forces cause against inertia and drag, as the
+        pressure equation does. An average of forces would accelerate gas beside a bed, which has
+        hardly any drag, by half of the pressure force that drives gas through the bed.
+        """
+        line, cells, own, beta = self.line, self.line.cells, self.line.own, step.drag
+        mass = phase.density.faces * np.maximum(phase.face_fraction, SMALLEST_FRACTION)
+        resistance = mass / step.levels.span_faces + cells.to_faces(beta)
+        velocity = cells.ghosted(line.reconstruct(force / resistance))
+        interpolated = resistance * (cells.flux(velocity) / cells.face_area)
+        mass = phase.density.cells * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
+        rate = 1 / step.levels.span + beta[own] / mass
+        return interpolated, velocity[own] * rate[:, None]
+
+    def _solids_force(self, step: Step, phase: Phase, force: Array) -> tuple[Array, Array]:
+        """Force interpolated from the cells to faces, and acceleration of all cells."""
         line, cells = self.line, self.line.cells
-        edge = cells.first[line.impermeable]
-        pull = (phase.bulk_viscosity[edge] + 4 / 3 * phase.viscosity[edge]) * cells.face_weight[
-            line.impermeable
-        ]
-        # the law of a wall slows all components
-        pull[: line.wall.stop - line.wall.start] -= phase.wall_friction
-        found = self._gather @ (np.maximum(pull, 0.0)[:, None] * self._across)
-        return found.reshape(-1, 3, 3)
+        mass = phase.density.faces * np.maximum(phase.face_fraction, SMALLEST_FRACTION)
+        partial = phase.support.partial_faces
+        acceleration = cells.ghosted(line.reconstruct(force / mass, partial))
+        fraction = np.maximum(phase.fraction, SMALLEST_FRACTION)
+        interpolated = self._body_force.mean_force(phase.support, fraction, acceleration)
+        return interpolated * phase.density.faces, acceleration
 
     # -- the linear system ---------------------------------------------------------------------
 
     def solve(
-        self,
-        phases: list[Phase],
-        beta: Array,
-        accelerated: list[Array],
-        levels: TimeLevels,
-        inflow: Inflow,
-        effort: dict[str, int],
-        dragged: Array | None = None,
-    ) -> list[Array]:
-        """Velocities of the phases before the projection, in all cells (collective).
+        self, step: Step, phases: list[Phase], accelerations: list[Array]
+    ) -> tuple[list[Array], int]:
+        """Velocities of the phases before the projection, in all cells, and the iterations.
 
-        dragged : force (cells, 3) on the gas that beta times the slip has beyond the drag [N/m3]
-
-        Raises
-        ------
-        SolverError
-            the linear solver does not converge.
+        Collective. Raises SolverError where a linear solver does not converge.
         """
-        line, cells, own, many = self.line, self.line.cells, self.line.own, len(phases)
-        coupling = beta[own] * line.volume
+        line, cells, own = self.line, self.line.cells, self.line.own
         equations = [
-            self._equation(phase, acceleration, levels, inflow)
-            for phase, acceleration in zip(phases, accelerated, strict=True)
+            self._equation(step, phase, acceleration)
+            for phase, acceleration in zip(phases, accelerations, strict=True)
         ]
         for system in self._systems:
-            system.set(equations, coupling)
-        start = np.stack([phase.velocity_start[own] for phase in phases], axis=2)
-        # the components share one measure: what is small across the pipe need not be sharper
-        largest = max(cells.total(start[:, i] ** 2) for i in range(3)) ** 0.5
-        enough = TRANSPORT_TOLERANCE * largest + line.small_norm(
-            SMALL_VELOCITY * line.velocity_scale
-        )
-        given, velocities = np.stack([one.side for one in equations], axis=2), []
-        if dragged is not None:
-            force = dragged[own] * line.volume[:, None]
-            given += np.stack([-force, force], axis=2)
-        effort["momentum"] = 0
-        for _ in range(SECOND_ORDER_SOLVES if line.order else 1):
-            side = given.copy()
-            for k, u in enumerate(velocities):
+            system.set(equations, step.drag[own] * line.volume)
+        rhs = np.stack([one.rhs for one in equations], axis=2)
+        if step.explicit_drag is not None:
+            force = step.explicit_drag[own] * line.volume[:, None]
+            rhs += np.stack([-force, force], axis=2)
+        guess = np.stack([phase.velocity_start[own] for phase in phases], axis=2)
+        # one measure for all components: the small ones across the line need not be sharper
+        largest = max(cells.total(guess[:, i] ** 2) for i in range(3)) ** 0.5
+        small = line.small_norm(SMALL_VELOCITY * line.velocity_scale)
+        enough = TRANSPORT_TOLERANCE * largest + small
+        velocities, iterations = self._solve_systems(rhs, guess, enough)
+        for _ in range(1, self.scheme.solves):
+            corrected = rhs.copy()
+            for k, (phase, one) in enumerate(zip(phases, equations, strict=True)):
+                u = cells.ghosted(velocities[:, :, k])
                 gradient = cells.ghosted(cells.gradient(u))
-                later = self._lagging(phases[k], u, gradient, levels)
-                side[:, :, k] += later - equations[k].lagging
-            found = np.empty_like(start)
-            for system in self._systems:
-                found[:, system.components] = system.solve(side, start, enough)
-                effort["momentum"] += system.krylov.iterations
-            start = found
-            velocities = [cells.ghosted(found[:, :, k]) for k in range(many)]
-        return velocities
+                explicit = self._explicit_force(phase, u, gradient, step.levels)
+                corrected[:, :, k] += explicit - one.explicit
+            velocities, more = self._solve_systems(corrected, velocities, enough)
+            iterations += more
+        return [cells.ghosted(velocities[:, :, k]) for k in range(len(phases))], iterations
 
-    def _equation(
-        self, phase: Phase, acceleration: Array, levels: TimeLevels, inflow: Inflow
-    ) -> _Equation:
+    def _solve_systems(self, rhs: Array, guess: Array, enough: float) -> tuple[Array, int]:
+        """Velocities (owned, components, phases), and the iterations."""
+        found, iterations = np.empty_like(guess), 0
+        for system in self._systems:
+            found[:, system.components], taken = system.solve(rhs, guess, enough)
+            iterations += taken
+        return found, iterations
+
+    def _equation(self, step: Step, phase: Phase, acceleration: Array) -> _Equation:
         """Momentum of one phase without drag."""
         line, cells, own, inner = self.line, self.line.cells, self.line.own, self.line.inner
-        density = phase.density
+        density, levels = phase.density, step.levels
         inertia = density.start * np.maximum(phase.fraction_start[own], SMALLEST_FRACTION)
         inertia = inertia * line.volume / levels.span
         flux = density.upwind * phase.flux
@@ -459,31 +428,73 @@ class Momentum:
         if phase.implicit_correction is not None:
             spread += phase.implicit_correction
         diagonal = inertia + cells.sum_by_side(back, ahead) + cells.sum_faces(spread)
-        side = inertia[:, None] * phase.velocity_start[own]
+        rhs = inertia[:, None] * phase.velocity_start[own]
         mass = density.cells * np.maximum(phase.fraction[own], SMALLEST_FRACTION)
-        lagging = self._lagging(phase, phase.velocity_now, phase.gradient, levels)
-        side += (mass * line.volume)[:, None] * acceleration[own] + lagging
-        side += inflow.sources.force(phase.name) * line.volume[:, None]
+        explicit = self._explicit_force(phase, phase.velocity_now, phase.gradient, levels)
+        rhs += (mass * line.volume)[:, None] * acceleration[own] + explicit
+        rhs += step.inflow.sources.force(phase.name) * line.volume[:, None]
         if line.has_wall:
             cells.add_boundary("wall", diagonal, phase.wall_friction)
         if line.has_inlet:
-            mean = inflow.mean_velocity(phase.name)
-            entering = density.inflow * inflow.fraction(phase.name) * -line.inlet_flux(mean)
-            speed = mean * density.inlet_expansion(line.inlet) * line.inlet_profile
-            velocity = -speed[:, None] * line.normal[line.inlet]
-            # what a passing flux without inlet has left out
-            missing = entering - back[line.inlet]
-            cells.add_boundary("inlet", diagonal, missing)
-            cells.add_boundary("inlet", side, entering[:, None] * velocity)
+            self._add_inlet(step, phase, back[line.inlet], diagonal, rhs)
         across = -(back + spread)[inner], -(ahead + spread)[inner]
-        return _Equation(diagonal, across, self._wall_stiffness(phase), side, lagging)
+        return _Equation(diagonal, across, self._wall_stiffness(phase), rhs, explicit)
 
-    def _lagging(self, phase: Phase, velocity: Array, gradient: Array, levels: TimeLevels) -> Array:
-        """Force on the owned cells that the matrix does not hold, of a known velocity [N]."""
-        line, found = self.line, self._stress(phase, velocity, gradient)
-        if not line.order:
-            return found
+    def _add_inlet(
+        self, step: Step, phase: Phase, convected: Array, diagonal: Array, rhs: Array
+    ) -> None:
+        """Add the momentum that enters, with the mass flow that `convected` [kg/s] leaves out."""
+        line, cells, inflow, density = self.line, self.line.cells, step.inflow, phase.density
+        mean = inflow.mean_velocity(phase.name)
+        mass_flow = density.inflow * inflow.fraction(phase.name) * -line.inlet_flux(mean)
+        speed = mean * density.inlet_expansion(line.inlet) * line.inlet_profile
+        velocity = -speed[:, None] * line.normal[line.inlet]
+        cells.add_boundary("inlet", diagonal, mass_flow - convected)
+        cells.add_boundary("inlet", rhs, mass_flow[:, None] * velocity)
+
+    def _explicit_force(
+        self, phase: Phase, velocity: Array, gradient: Array, levels: TimeLevels
+    ) -> Array:
+        """Force on the owned cells that the matrix does not contain, of a known velocity [N]."""
         flux = levels.second_order_faces * phase.density.upwind * phase.flux
-        return found - line.cells.net_flux(
-            line.second_order_flux(flux, velocity, line.velocity_scale, gradient)
-        )
+        convection = self.scheme.net_correction(flux, velocity, self.line.velocity_scale, gradient)
+        return self._explicit_stress(phase, velocity, gradient) - convection
+
+    def _explicit_stress(self, phase: Phase, velocity: Array, gradient: Array) -> Array:
+        """Viscous force on the owned cells without the implicit difference across faces [N]."""
+        cells, inner, sides = self.line.cells, self.line.inner, self.line.impermeable
+        # one array for each component, which is several times as fast as one of tensors
+        rate = [cells.to_faces(part)[inner] for part in gradient.reshape(-1, 9).T]
+        mu = cells.to_faces(phase.viscosity)[inner]
+        bulk = cells.to_faces(phase.bulk_viscosity)[inner] - 2 / 3 * mu
+        trace = bulk * (rate[0] + rate[4] + rate[8])
+        force = np.zeros((cells.face_count, 3))
+        for i in range(3):
+            transposed = sum(
+                rate[3 * j + i] * self._area[j] + rate[3 * i + j] * self._non_orthogonal[j]
+                for j in range(3)
+            )
+            force[inner, i] = mu * transposed + trace * self._area[i]
+        if phase.implicit_correction is not None:
+            rise = velocity.take(cells.first[inner], axis=0) - velocity.take(cells.second, axis=0)
+            force[inner] += phase.implicit_correction[inner, None] * rise
+        # normal stress of the tangential divergence; the rest is in the wall stiffness
+        edge = cells.first[sides]
+        divergence = np.einsum("nk,nk->n", self._tangential_part, gradient.reshape(-1, 9)[edge])
+        divergence *= phase.bulk_viscosity[edge] - 2 / 3 * phase.viscosity[edge]
+        force[sides] = divergence[:, None] * cells.area[sides]
+        return cells.net_flux(force)
+
+    def _wall_stiffness(self, phase: Phase) -> Array:
+        """Normal force of walls and planes of symmetry over the velocity, (edges, 3, 3) [kg/s].
+
+        The normal velocity falls to zero within the cells next to them, so the normal stress there
+        has the part (4/3 mu + bulk) du_n/dn.
+        """
+        line, cells = self.line, self.line.cells
+        edge, weight = cells.first[line.impermeable], cells.face_weight[line.impermeable]
+        stiffness = (phase.bulk_viscosity[edge] + 4 / 3 * phase.viscosity[edge]) * weight
+        # the wall friction acts on all components
+        stiffness[: line.wall.stop - line.wall.start] -= phase.wall_friction
+        found = self._gather @ (np.maximum(stiffness, 0.0)[:, None] * self._normal_part)
+        return found.reshape(-1, 3, 3)

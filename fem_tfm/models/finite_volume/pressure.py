@@ -1,9 +1,18 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Pressure of a step: it makes the flux of both phases free of divergence."""
+"""Pressure equation: the projection that makes the flux of both phases fulfil its balance.
+
+The change of the pressure accelerates the phases against their inertia and drag alone,
+
+    delta(u_i.S) = -sum_j R_ij alpha_j |S|^2/(S.d) delta(p_other - p),
+    R = [[m_s/dt + beta, -beta], [-beta, m_g/dt + beta]]^-1,  m_i = alpha_i rho_i
+
+and is such that div(alpha_s u_s + alpha_g u_g) = sources, or that the mass of a compressible gas is
+balanced.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,18 +21,43 @@ from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
-from fem_tfm.models.finite_volume.ideal_gas import GasBalance
 from fem_tfm.models.finite_volume.laws import CellLaws
-from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Inflow, Phase, State
+from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Phase, State, Step
 
-# residual of the linear system over the right-hand side, and what ends it over rho_g U^2
+# relative residual of the linear system, and the residual that ends it, over rho_g U^2
 TOLERANCE, SMALL_PRESSURE = 1e-6, 1e-9
 # steps after which the multigrid is built anew, and iterations above which it is
 MULTIGRID_AGE, MULTIGRID_EFFORT = 20, 15
 
 
+@dataclass(frozen=True)
+class _Fluxes:
+    """Fluxes before the projection and how they follow the pressure; one entry for each phase.
+
+    fractions (faces) : volume fractions [-]
+    response (faces) : R, rows of velocities and columns of pressure gradients [m3 s/kg]
+    flux (faces) : u_i.S with the present pressure [m3/s]
+    mobility (faces) : u_i.S per pressure difference [m3/s/Pa]
+    """
+
+    fractions: list[Array]
+    response: list[list[Array]]
+    flux: list[Array]
+    mobility: list[Array]
+
+    @property
+    def total(self) -> Array:
+        """Flux of both phases [m3/s]."""
+        return sum(a * flux for a, flux in zip(self.fractions, self.flux, strict=True))
+
+    @property
+    def stiffness(self) -> Array:
+        """Flux of both phases per pressure difference [m3/s/Pa]."""
+        return sum(a * m for a, m in zip(self.fractions, self.mobility, strict=True))
+
+
 class PressureProjection:
-    """Projection with the response of mass and drag alone.
+    """The equation with its matrix and multigrid.
 
     Parameters
     ----------
@@ -33,8 +67,8 @@ class PressureProjection:
 
     def __init__(self, line: LineMesh, laws: CellLaws, compressible: bool = False) -> None:
         self.line, self.laws = line, laws
-        # nothing sets the level of the pressure
-        self._floats = not (line.has_outlet or compressible)
+        # without an outlet nothing sets the level of the pressure in a gas of constant density
+        self._level_is_free = not (line.has_outlet or compressible)
         self._matrix = CellMatrix(line.cells)
         self._krylov = Krylov(self._matrix, "pressure", TOLERANCE)
         self._age = MULTIGRID_AGE
@@ -42,8 +76,9 @@ class PressureProjection:
     def response(
         self, alpha: Array, beta: Array, dt: Array | float, density: Array | float
     ) -> tuple[Array, Array, Array]:
-        """R_ss, R_sg = R_gs, R_gg on faces, of alpha_s and beta in cells [m3 s/kg].
+        """R_ss, R_sg = R_gs, R_gg on faces [m3 s/kg].
 
+        alpha, beta : solids fraction [-] and drag [kg/m3/s] in all cells
         dt : step, one or of every face [s]
         density : of the gas, one or of every face [kg/m3]
         """
@@ -56,105 +91,139 @@ class PressureProjection:
 
     def project(
         self,
-        at: State,
+        step: Step,
         phases: list[Phase],
-        beta: Array,
-        guess: list[Array],
-        gaps: list[Array],
-        dt: Array | float,
-        inflow: Inflow,
-        effort: dict[str, int],
-        gas_balance: GasBalance | None = None,
-    ) -> State:
-        """The state with pressure, velocities and fluxes after the step (collective).
+        velocities: list[Array],
+        face_forces: list[Array],
+    ) -> tuple[State, int]:
+        """State with the pressure, velocities and fluxes after the step, and the iterations.
 
-        guess, gaps : velocities of the phases, and forces that faces have beyond those of the cells
-        gas_balance : the gas, None where its density is constant
+        velocities : of the phases with the present pressure (cells, 3) [m/s]
+        face_forces : forces along the normals of faces in excess of those of the cells [N/m3]
 
-        Raises
-        ------
-        SolverError
-            the linear solver does not converge.
+        Collective. Raises SolverError where the linear solver does not converge.
         """
-        line, cells, inner = self.line, self.line.cells, self.line.inner
-        shares = [phase.face_fraction for phase in phases]
-        if len(phases) == 2:
-            ss, sg, gg = self.response(at.alpha, beta, dt, phases[-1].density.faces)
-            response = [[ss, sg], [sg, gg]]
+        line, cells = self.line, self.line.cells
+        fluxes = self._fluxes(step, phases, velocities, face_forces)
+        total, stiffness = fluxes.total, fluxes.stiffness
+        sources = step.inflow.sources
+        growth = (sources.solids + sources.gas) * line.volume
+        if step.gas is None:
+            weight, capacity, rhs = stiffness, 0.0, growth - cells.net_flux(total)
         else:
-            response = [[dt / (phases[-1].density.faces * np.ones(cells.face_count))]]
-        blocked = inflow.blocked and len(phases) == 2
-        carried = []
-        for row, phase, velocity in zip(response, phases, guess, strict=True):
+            weight = step.gas.flux_weight * stiffness
+            capacity, rhs = step.gas.compressibility, -step.gas.residual(total)
+        self._set(weight, capacity)
+        change, iterations = self._solve(rhs)
+        change = cells.ghosted(change)
+        drop = self._difference(change)
+        total = total - stiffness * drop
+        if step.gas is None:
+            total = self._close(total, growth)
+        else:
+            total, change = step.gas.close(total, change)
+        corrections = [-mobility * drop for mobility in fluxes.mobility]
+        velocities = [
+            cells.ghosted(velocity[line.own] + line.reconstruct(flux / cells.face_area))
+            for velocity, flux in zip(velocities, corrections, strict=True)
+        ]
+        state = replace(
+            step.state,
+            p=step.state.p + change,
+            u_s=step.levels.start.u_s,
+            u_g=velocities[-1],
+            total_flux=total,
+        )
+        if len(phases) == 2:
+            solids_flux = fluxes.flux[0] + corrections[0]
+            solids = self._solids(
+                step, phases[0].pressure, fluxes.response[0][0], velocities[0], solids_flux
+            )
+            state = replace(state, **solids)
+        return state, iterations
+
+    def _fluxes(
+        self,
+        step: Step,
+        phases: list[Phase],
+        velocities: list[Array],
+        face_forces: list[Array],
+    ) -> _Fluxes:
+        """Fluxes of the phases with the present pressure, and how they follow its change."""
+        line, cells, inflow = self.line, self.line.cells, step.inflow
+        response = self._responses(step, phases)
+        fractions = [phase.face_fraction for phase in phases]
+        if line.has_inlet and len(phases) == 2:
+            solids = fractions[0].copy()
+            solids[line.inlet] = inflow.solids_fraction
+            fractions = [solids, 1 - solids]
+        fluxes, mobilities = [], []
+        for row, phase, velocity in zip(response, phases, velocities, strict=True):
             flux = cells.flux(velocity)
-            flux += cells.face_area * sum(r * gap for r, gap in zip(row, gaps, strict=True))
+            flux += cells.face_area * sum(
+                r * force for r, force in zip(row, face_forces, strict=True)
+            )
             flux *= line.open
+            mobility = sum(r * a for r, a in zip(row, fractions, strict=True))
+            mobility = mobility * cells.face_weight * line.open
             if line.has_inlet:
                 mean = inflow.mean_velocity(phase.name)
                 flux[line.inlet] = line.inlet_flux(mean) * phase.density.inlet_expansion(line.inlet)
-            if phase.name == "solids" and blocked:
-                flux[line.outlet] = 0.0
-            carried.append(flux)
-        if line.has_inlet and len(phases) == 2:
-            shares[0] = shares[0].copy()
-            shares[0][line.inlet] = inflow.solids_fraction
-            shares[1] = 1 - shares[0]
-        total = sum(share * flux for share, flux in zip(shares, carried, strict=True))
-        # how each phase follows a difference of pressure
-        follow = [
-            sum(r * share for r, share in zip(row, shares, strict=True))
-            * cells.face_weight
-            * line.open
-            for row in response
-        ]
-        if blocked:
-            follow[0][line.outlet] = 0.0
-        stiff = sum(share * part for share, part in zip(shares, follow, strict=True))
-        grown = (inflow.sources.solids + inflow.sources.gas) * line.volume
-        if gas_balance is None:
-            ties, diagonal, rest = stiff, cells.sum_faces(stiff), grown - cells.net_flux(total)
-        else:
-            ties, rest = gas_balance.flux_weight * stiff, -gas_balance.residual(total)
-            diagonal = cells.sum_faces(ties) + gas_balance.compressibility
-        if self._floats and cells.map.local_range[0] == 0:
+            if phase.name == "solids" and inflow.blocked:
+                flux[line.outlet] = mobility[line.outlet] = 0.0
+            fluxes.append(flux)
+            mobilities.append(mobility)
+        return _Fluxes(fractions, response, fluxes, mobilities)
+
+    def _responses(self, step: Step, phases: list[Phase]) -> list[list[Array]]:
+        """R on faces."""
+        span, density = step.levels.span_faces, phases[-1].density.faces
+        if len(phases) == 1:
+            return [[span / (density * np.ones(self.line.cells.face_count))]]
+        ss, sg, gg = self.response(step.state.alpha, step.drag, span, density)
+        return [[ss, sg], [sg, gg]]
+
+    def _solids(
+        self, step: Step, p_s: Array, response: Array, velocity: Array, flux: Array
+    ) -> dict[str, Array]:
+        """Fields of the solids in the new state."""
+        cells, inner = self.line.cells, self.line.inner
+        pressure_flux = np.zeros(cells.face_count)
+        pressure_flux[inner] = -response[inner] * cells.face_weight[inner]
+        pressure_flux[inner] *= p_s[cells.second] - p_s[cells.first[inner]]
+        # of the cells' velocities: the flux itself drops what alternates from cell to cell
+        acceleration = cells.flux(velocity - step.levels.start.u_s) / step.levels.span_faces
+        return {
+            "u_s": velocity,
+            "solids_flux": flux,
+            "flux_acceleration": acceleration,
+            "pressure_flux": pressure_flux,
+            "response": response,
+        }
+
+    # -- the linear system ---------------------------------------------------------------------
+
+    def _set(self, weight: Array, capacity: Array | float) -> None:
+        """The matrix of differences across faces, times `weight`, and of the cells' capacity."""
+        cells, inner = self.line.cells, self.line.inner
+        diagonal = cells.sum_faces(weight) + capacity
+        if self._level_is_free and cells.map.local_range[0] == 0:
             # one cell keeps its pressure
             diagonal[:1] *= 2
-        self._matrix.set([diagonal], [(-ties[inner], -ties[inner])])
-        change = cells.ghosted(self._solve(rest, effort))
-        drop = np.zeros(cells.face_count)
-        drop[inner] = change[cells.second] - change[cells.first[inner]]
-        drop[line.outlet] = -change[cells.first[line.outlet]]
-        total = total - stiff * drop
-        if gas_balance is None:
-            total = self._close(total, grown)
-        else:
-            total, change = gas_balance.close(total, change)
-        corrected = [-part * drop for part in follow]
-        transported = [
-            cells.ghosted(velocity[: cells.owned] + line.reconstruct(flux / cells.face_area))
-            for velocity, flux in zip(guess, corrected, strict=True)
-        ]
-        found = replace(at, p=at.p + change, u_g=transported[-1], total_flux=total)
-        if len(phases) == 1:
-            return found
-        p_s, pushed = phases[0].pressure, np.zeros(cells.face_count)
-        pushed[inner] = -response[0][0][inner] * cells.face_weight[inner]
-        pushed[inner] *= p_s[cells.second] - p_s[cells.first[inner]]
-        # a flux forgets what alternates from cell to cell, and must not be credited with it
-        gained = cells.flux(transported[0] - at.u_s) / dt
-        return replace(
-            found,
-            u_s=transported[0],
-            solids_flux=carried[0] + corrected[0],
-            flux_acceleration=gained,
-            pressure_flux=pushed,
-            response=response[0][0],
-        )
+        self._matrix.set([diagonal], [(-weight[inner], -weight[inner])])
 
-    def _solve(self, rhs: Array, effort: dict[str, int]) -> Array:
-        """Change of pressure, by a multigrid that is kept for some steps."""
+    def _difference(self, values: Array) -> Array:
+        """Difference across each face; beyond the outlet the change is zero."""
         line, cells = self.line, self.line.cells
-        if self._floats:
+        found = np.zeros(cells.face_count)
+        found[line.inner] = values[cells.second] - values[cells.first[line.inner]]
+        found[line.outlet] = -values[cells.first[line.outlet]]
+        return found
+
+    def _solve(self, rhs: Array) -> tuple[Array, int]:
+        """Change of the pressure, and the iterations; the multigrid is kept for some steps."""
+        line, cells = self.line, self.line.cells
+        if self._level_is_free:
             rhs = rhs - cells.total(rhs) / cells.map.size_global
         keep = self._age < MULTIGRID_AGE
         zero = np.zeros(cells.owned)
@@ -168,19 +237,18 @@ class PressureProjection:
             keep = False
             self._krylov.update(False)
             found = self._krylov.solve(rhs, zero, enough)
-        effort["pressure"] = self._krylov.iterations
         self._age = self._age + 1 if keep else 1
         if self._krylov.iterations > MULTIGRID_EFFORT:
             self._age = MULTIGRID_AGE
-        return found
+        return found, self._krylov.iterations
 
-    def _close(self, total: Array, grown: Array) -> Array:
-        """Take what the linear solver left of the divergence out through the outlet."""
+    def _close(self, total: Array, growth: Array) -> Array:
+        """Let the divergence that the linear solver leaves out through the outlet."""
         cells, outlet = self.line.cells, self.line.outlet
         size = cells.face_area[outlet]
         area = cells.total(size)
         if area > 0:
-            total[outlet] -= cells.total(cells.net_flux(total) - grown) * size / area
+            total[outlet] -= cells.total(cells.net_flux(total) - growth) * size / area
         return total
 
     def renew(self) -> None:

@@ -1,5 +1,11 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Granular temperature of a step: implicit, its sinks in the diagonal."""
+"""Granular temperature equation: implicit, its sinks in the diagonal, so that Theta > 0.
+
+    3/2 [alpha rho Theta]_t + 3/2 div(alpha rho u_s Theta)
+        = 2 mu S:S + (bulk div u_s - p_kin) div u_s + div(kappa grad Theta) - gamma - 3 beta Theta
+
+Sinks are divided by the Theta of the coefficients and multiplied by the new one.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 
 from fem_tfm.models.finite_volume.cells.line import LineMesh
-from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
 from fem_tfm.models.finite_volume.laws import CellLaws, SolidsCoefficients
@@ -17,100 +22,104 @@ from fem_tfm.models.finite_volume.state import (
     LONELY_FRACTION,
     SMALLEST_FRACTION,
     SMALLEST_THETA,
-    Inflow,
-    SolidsDeformation,
-    SolidsTransport,
-    State,
+    Step,
 )
-from fem_tfm.models.finite_volume.time_levels import TimeLevels
 
 
 class GranularTemperature:
-    """Moves the granular energy with the solids, makes and loses it.
+    """The equation with its sources.
 
     Parameters
     ----------
     problem : turbulence intensity of the solids at the inlet
     line, laws : mesh and coefficients
-    matrix : scalar matrix, whose values are overwritten
+    transport : solver of scalars
     """
 
     def __init__(
-        self, problem: UnsteadyProblem, line: LineMesh, laws: CellLaws, matrix: CellMatrix
-    ) -> None:
-        self.line, self.laws = line, laws
-        self._intensity = problem.solids_intensity
-        self.transport = ScalarTransport(line, matrix)
-
-    def solve(
         self,
-        old: State,
-        beta: Array,
-        levels: TimeLevels,
-        start: State,
-        transported: SolidsTransport,
-        deformation: SolidsDeformation,
-        inflow: Inflow,
-        effort: dict[str, int],
-    ) -> Array:
-        """Granular temperature after a step from `start` [m2/s2] (collective).
+        problem: UnsteadyProblem,
+        line: LineMesh,
+        laws: CellLaws,
+        transport: ScalarTransport,
+    ) -> None:
+        self.line, self.laws, self.transport = line, laws, transport
+        self._intensity = problem.solids_intensity
 
-        old, beta : state of which coefficients are taken, and its drag [kg/m3/s]
+    def solve(self, step: Step) -> tuple[Array, int]:
+        """Granular temperature in all cells [m2/s2], and the iterations (collective).
 
         Raises
         ------
         SolverError
             the linear solver does not converge.
         """
-        line, cells, laws, alpha = self.line, self.line.cells, self.laws, transported.alpha
-        # dense grains heat up thousandfold faster than they are compressed: what only one of two
-        # steps compresses would drive waves of their pressure
-        dilation = np.maximum(transported.dilation, deformation.dilation)
-        if line.order:
-            # what both compress is compressed as the step says
-            both = (transported.dilation < 0) & (deformation.dilation < 0)
-            trusted = levels.second_order * (both | (transported.dilation > 0))
-            dilation = dilation + trusted * (transported.dilation - dilation)
-        grains = laws.grains(alpha, old.theta, replace(deformation, dilation=dilation))
+        line, laws, solids = self.line, self.laws, step.solids
+        own, theta = line.own, step.state.theta
+        dilation = self._dilation(step)
+        deformation = replace(step.deformation, dilation=dilation)
+        coefficients = laws.grains(solids.alpha, theta, deformation)
         if laws.laws.theta == "algebraic":
-            return laws.balanced_theta(alpha, grains, deformation.shear, beta)
-        own, k = line.own, grains.kinetic
-        density = laws.solids.density
-        mass = 1.5 * density * np.maximum(start.alpha[own], SMALLEST_FRACTION)
-        inertia = mass * line.volume / levels.span
-        work = 2 * k.shear_viscosity * deformation.shear + k.bulk_viscosity * dilation**2
-        if laws.laws.friction_feeds_theta:
-            work = work + 2 * grains.mu_f * deformation.shear
-        unit = k.pressure / old.theta * dilation
-        sink = k.dissipation / old.theta + 3 * beta + np.maximum(unit, 0.0)
-        gain = work + np.maximum(-unit, 0.0) * old.theta
-        energy = inflow.sources.energy
-        diagonal = inertia + sink[own] * line.volume
-        diagonal += np.maximum(-energy, 0.0) / old.theta[own] * line.volume
-        rhs = inertia * start.theta[own] + (gain[own] + np.maximum(energy, 0.0)) * line.volume
+            shear = deformation.shear
+            return laws.balanced_theta(solids.alpha, coefficients, shear, step.drag), 0
+        start, density = step.levels.start, laws.solids.density
+        inertia = 1.5 * density * np.maximum(start.alpha[own], SMALLEST_FRACTION)
+        inertia = inertia * line.volume / step.levels.span
+        sink, source = self._sources(step, coefficients, dilation)
+        diagonal, rhs = inertia + sink, inertia * start.theta[own] + source
         if line.has_wall:
-            heat = self._wall_heat(old, alpha, grains) * cells.face_area[line.wall]
-            edge = cells.first[line.wall]
-            cells.add_boundary("wall", rhs, np.maximum(heat, 0.0))
-            cells.add_boundary("wall", diagonal, np.maximum(-heat, 0.0) / old.theta[edge])
-        found = self.transport.solve(
-            1.5 * density * transported.flux,
-            k.conductivity,
+            self._add_wall(step, coefficients, diagonal, rhs)
+        values, iterations = self.transport.solve(
+            1.5 * density * solids.flux,
+            coefficients.kinetic.conductivity,
             diagonal,
             rhs,
-            old.theta[own],
-            entering=(self._intensity * inflow.solids_velocity) ** 2,
-            linear=levels.second_order_faces if line.order else None,
+            guess=theta[own],
+            entering=(self._intensity * step.inflow.solids_velocity) ** 2,
+            share=step.levels.second_order_faces,
         )
-        effort["theta"] = self.transport.iterations
-        # grains that are all but alone do not fly faster than the gas
-        alone = alpha[own] < LONELY_FRACTION
-        found[alone] = np.minimum(found[alone], line.velocity_scale**2)
-        return cells.ghosted(np.maximum(found, SMALLEST_THETA))
+        # single grains in a void are not faster than the gas
+        single = solids.alpha[own] < LONELY_FRACTION
+        values[single] = np.minimum(values[single], line.velocity_scale**2)
+        return line.cells.ghosted(np.maximum(values, SMALLEST_THETA)), iterations
 
-    def _wall_heat(self, old: State, alpha: Array, grains: SolidsCoefficients) -> Array:
-        """Flux from the faces of the wall into the granular energy [W/m2]."""
-        edge = self.line.cells.first[self.line.wall]
-        slip = self.laws.slip(old.u_s[edge], self.line.normal[self.line.wall])
-        state = self.laws.wall_state(alpha, old.theta, grains, slip, edge)
-        return self.laws.wall_heat(state)
+    def _dilation(self, step: Step) -> Array:
+        """div u_s [1/s] that feeds the granular energy: the larger of two, where they disagree.
+
+        One is that of the fluxes of this step, the other that predicted. Dense grains heat up a
+        thousand times faster than they are compressed; a compression that only one of two steps
+        shows would drive pressure waves. At second order the step's own value holds where both
+        compress or the step expands.
+        """
+        found, predicted = step.solids.dilation, step.deformation.dilation
+        larger = np.maximum(found, predicted)
+        agreed = ((found < 0) & (predicted < 0)) | (found > 0)
+        return larger + step.levels.second_order * agreed * (found - larger)
+
+    def _sources(
+        self, step: Step, coefficients: SolidsCoefficients, dilation: Array
+    ) -> tuple[Array, Array]:
+        """Sinks over Theta [kg/s] and sources [W] of the owned cells."""
+        own, volume, k = self.line.own, self.line.volume, coefficients.kinetic
+        theta, shear = step.state.theta, step.deformation.shear
+        work = 2 * k.shear_viscosity * shear + k.bulk_viscosity * dilation**2
+        if self.laws.laws.friction_feeds_theta:
+            work = work + 2 * coefficients.mu_f * shear
+        expansion = k.pressure / theta * dilation
+        sink = k.dissipation / theta + 3 * step.drag + np.maximum(expansion, 0.0)
+        source = work + np.maximum(-expansion, 0.0) * theta
+        given = step.inflow.sources.energy
+        sink = sink[own] * volume + np.maximum(-given, 0.0) / theta[own] * volume
+        return sink, (source[own] + np.maximum(given, 0.0)) * volume
+
+    def _add_wall(
+        self, step: Step, coefficients: SolidsCoefficients, diagonal: Array, rhs: Array
+    ) -> None:
+        """Add the energy that the wall gives to `rhs`, and what it takes to `diagonal`."""
+        line, cells, laws, state = self.line, self.line.cells, self.laws, step.state
+        edge = cells.first[line.wall]
+        slip = laws.slip(state.u_s[edge], line.normal[line.wall])
+        wall = laws.wall_state(step.solids.alpha, state.theta, coefficients, slip, edge)
+        heat = laws.wall_heat(wall) * cells.face_area[line.wall]
+        cells.add_boundary("wall", rhs, np.maximum(heat, 0.0))
+        cells.add_boundary("wall", diagonal, np.maximum(-heat, 0.0) / state.theta[edge])

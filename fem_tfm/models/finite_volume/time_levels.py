@@ -1,17 +1,18 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Time levels of a step of second order: BDF2 with steps of any size.
+"""Time levels of a step: implicit Euler, and BDF2 on uneven steps.
 
-With r = dt/dt_before the method reads
+With r = dt/dt_before, BDF2 reads
 
     y = y_start + span f(y),  span = (1 + r)/(1 + 2 r) dt,  y_start = y_0 + c (y_0 - y_before),
     c = r^2/(1 + 2 r)
 
-which is a step of the implicit Euler method of the length `span`. In the fluxes that have changed a
-fraction it is a mean of the flux at the end of the step and of what passed in the step before,
+which is an implicit Euler step of length `span` from `y_start`. The mean flux of such a step, by
+which a fraction changes, is a mean of the flux at its end and of the mean flux of the last step,
 
-    passed = (1 + r)/(1 + 2 r) flux + r/(1 + 2 r) passed_before
+    step_flux = (1 + r)/(1 + 2 r) flux + r/(1 + 2 r) step_flux_before
 
-so that mass stays exact whatever share of its past each face takes.
+so that mass is conserved exactly, whatever share of the last step each face takes. That share falls
+to zero, and the method to implicit Euler, where the solids are nearly packed.
 """
 
 from __future__ import annotations
@@ -26,16 +27,16 @@ from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Inflow, State
 
-# solids between these shares of their packing go over to first order: in a bed the pressure of the
-# solids changes by its own size in a step
+# between these shares of the packing limit the method falls to first order: in a bed the solids
+# pressure changes by its own size in a step
 PACKING = 0.8, 0.9
-# share of the way to a bound of the solids fraction that what has passed before may take
+# largest share of the way to a bound of the solids fraction that the last step's flux may take
 MOST_OF_ROOM = 0.5
-# largest factor from one step to the next of a fraction and of the granular temperature
-LARGEST_RATIO, LARGEST_RISE = 1.5, 2.0
-# eddies that turn over once in this many steps are carried on by half
+# largest factor from one step to the next of a fraction, and of other positive quantities
+LARGEST_RATIO, LARGEST_GROWTH = 1.5, 2.0
+# scales of eddies that turn over once in this many steps are extrapolated by half
 TURNS = 3.0
-# speed below which a change is not compared with the speed itself, over U
+# velocity below which a change counts as small, over U
 SLOW = 0.1
 
 
@@ -82,13 +83,13 @@ PREVIOUS_GAS_CELL_FIELDS, PREVIOUS_GAS_FACE_FIELDS = ("p", "gas_step_source"), (
 
 @dataclass(frozen=True)
 class TimeLevels:
-    """What a step starts from.
+    """Levels from which a step starts and at which its coefficients are taken.
 
-    now, previous : state before the step, and what is known of the one before it
-    ratio (cells) : of this step and the last one, 0 where the method is Euler's
-    start : state from which an implicit Euler step of `span` ends where the method does
-    span (owned), span_faces (faces) : its length [s]
-    predicted : state at the end of the step as far as it is foreseen, for coefficients
+    now, previous : present state, and what is kept of the one before it (None: an Euler step)
+    ratio (cells) : r times the share of the second order, 0 for an Euler step
+    start : state from which an implicit Euler step of length `span` ends where the method does
+    span (owned), span_faces (faces) : that length [s]
+    predicted : state extrapolated to the end of the step, for the coefficients
     flux_weight, previous_flux (faces) : the mean flux of the solids in the step is `flux_weight`
         times the flux at its end plus `previous_flux` [m3/s]
     previous_source (owned) : their mean source is span/dt times that at the end plus this [1/s]
@@ -112,161 +113,217 @@ class TimeLevels:
     second_order_faces: Array
 
     def extrapolate(self, now: Array, before: Array) -> Array:
-        """A positive quantity at the end of the step from its values now and before."""
-        return now * _rise(now, before) ** self.ratio
+        """A positive quantity at the end of the step, from its present and previous values."""
+        return now * _growth(now, before) ** self.ratio
 
 
-def implicit_euler(line: LineMesh, now: State, dt: float, limit: float = 0.0) -> TimeLevels:
+def implicit_euler(
+    line: LineMesh, now: State, dt: float, packing_limit: float | None = None
+) -> TimeLevels:
     """Levels of an implicit Euler step.
 
-    limit : packing limit of the solids, 0 for an upwind step
+    packing_limit : of the solids, below which values in space are of second order; None for
+        upwind values
     """
     cells = line.cells
     zero, one = (np.broadcast_to(value, cells.face_count) for value in (0.0, 1.0))
-    given, loose, linear = (
-        np.broadcast_to(0.0, cells.owned),
-        np.broadcast_to(0.0, cells.count),
-        zero,
+    share, share_faces = np.broadcast_to(0.0, cells.count), zero
+    if packing_limit is not None:
+        share = _second_order_share(now.alpha, packing_limit)
+        share_faces = _smaller_of_sides(line, share)
+    return TimeLevels(
+        now=now,
+        previous=None,
+        ratio=0.0,
+        start=now,
+        span=dt,
+        span_faces=dt,
+        predicted=now,
+        flux_weight=one,
+        previous_flux=zero,
+        previous_source=np.broadcast_to(0.0, cells.owned),
+        acceleration_share=zero,
+        second_order=share,
+        second_order_faces=share_faces,
     )
-    if line.order and limit > 0:
-        loose = _loose(now.alpha, limit)
-        linear = _on_faces(line, loose)
-    return TimeLevels(now, None, 0.0, now, dt, dt, now, one, zero, given, zero, loose, linear)
 
 
 def bdf2(
     line: LineMesh,
     now: State,
-    past: PreviousStep,
+    previous: PreviousStep,
     dt: float,
-    limit: float,
+    packing_limit: float,
     inflow: Inflow,
-    gas: tuple[Array | float, Array | float] = (1.0, 1.0),
+    gas_density: tuple[Array | float, Array | float] = (1.0, 1.0),
 ) -> TimeLevels:
-    """Levels of a step of second order, of first order where the solids are packed (collective).
+    """Levels of a BDF2 step, which is one of Euler where the solids are packed (collective).
 
-    limit : packing limit of the solids
-    gas : relative density of the gas now and before the last step [-]
-    inflow : through what it closes nothing of the past passes
+    packing_limit : of the solids
+    inflow : boundaries that it closes take no share of the last step
+    gas_density : relative density of the gas in the present and in the previous state [-]
     """
-    loose = _loose(np.maximum(now.alpha, past.alpha), limit)
-    linear = _on_faces(line, loose)
-    r = dt / past.dt
-    weight = r / (1 + 2 * r)
-    cells, faces = weight * loose, weight * linear
+    r = dt / previous.dt
+    share = _second_order_share(np.maximum(now.alpha, previous.alpha), packing_limit)
+    share_faces = _smaller_of_sides(line, share)
+    weight, weight_faces = (r / (1 + 2 * r) * part for part in (share, share_faces))
     if inflow.blocked:
-        faces[line.outlet] = 0.0
+        weight_faces[line.outlet] = 0.0
     if inflow.solids_fraction * inflow.solids_velocity == 0:
-        faces[line.inlet] = 0.0
-    kept = _kept(line, now, faces * past.step_flux, dt, limit)
-    moving = np.where(past.step_flux == 0, 1.0, past.step_flux)
-    share = 1 - np.where(past.step_flux == 0, faces, kept / moving)
-    slow, fluxes = SLOW * line.velocity_scale, SLOW * line.velocity_scale * line.cells.face_area
-    of_solids = _ratio(now.alpha, past.alpha, cells * r)
-    of_gas = _ratio((1 - now.alpha) * gas[0], (1 - past.alpha) * gas[1], cells * r)
-    rise = _rise(now.theta, past.theta)
-    rises = {name: _rise(value, past.scales[name]) for name, value in now.scales.items()}
-    weights = {name: of_solids if name.endswith("_s") else of_gas for name in rises}
-    start = replace(
-        now,
-        theta=_start(now.theta, rise, of_solids * cells * r),
-        u_s=now.u_s + (of_solids * cells * r)[:, None] * (now.u_s - past.u_s),
-        u_g=now.u_g + (of_gas * cells * r)[:, None] * (now.u_g - past.u_g),
-        solids_flux=now.solids_flux + faces * r * (now.solids_flux - past.solids_flux),
-        scales={
-            name: _start(now.scales[name], rises[name], weights[name] * cells * r) for name in rises
-        },
-    )
-    there = (loose * r)[:, None]
-    ahead = now.alpha + loose * r * (now.alpha - past.alpha)
-    predicted = replace(
-        now,
-        alpha=np.clip(ahead, now.alpha / 2, (now.alpha + limit) / 2),
-        theta=now.theta * rise ** (loose * r),
-        u_s=_carry_on(now.u_s, past.u_s, there, slow),
-        u_g=_carry_on(now.u_g, past.u_g, there, slow),
-        total_flux=_carry_on(now.total_flux, past.total_flux, linear * r, fluxes),
-        solids_flux=_carry_on(now.solids_flux, past.solids_flux, linear * r, fluxes),
-        scales={
-            name: now.scales[name] * rises[name] ** (_slowness(now, name, dt) * loose * r)
-            for name in rises
-        },
-    )
-    span, span_faces = dt * (1 - cells[line.own]), dt * (1 - faces)
+        weight_faces[line.inlet] = 0.0
+    flux_weight, previous_flux = _flux_weights(line, now, previous, weight_faces, dt, packing_limit)
+    span_faces = dt * (1 - weight_faces)
+    small = SLOW * line.velocity_scale * line.cells.face_area
+    steady = _steadiness(span_faces * now.flux_acceleration, now.solids_flux, small)
     return TimeLevels(
         now=now,
-        previous=past,
-        ratio=loose * r,
-        start=start,
-        span=span,
+        previous=previous,
+        ratio=share * r,
+        start=_start_level(now, previous, r, weight, weight_faces, gas_density),
+        span=dt * (1 - weight[line.own]),
         span_faces=span_faces,
-        predicted=predicted,
-        flux_weight=share,
-        previous_flux=kept,
-        previous_source=(cells * past.step_source)[line.own],
-        acceleration_share=linear
-        * _steadiness(span_faces * now.flux_acceleration, now.solids_flux, fluxes),
-        second_order=loose,
-        second_order_faces=linear,
+        predicted=_predicted(line, now, previous, share, share_faces, dt, packing_limit),
+        flux_weight=flux_weight,
+        previous_flux=previous_flux,
+        previous_source=(weight * previous.step_source)[line.own],
+        acceleration_share=share_faces * steady,
+        second_order=share,
+        second_order_faces=share_faces,
     )
 
 
-def _loose(alpha: Array, limit: float) -> Array:
-    """1 where grains have room to move, 0 where they are nearly packed."""
-    low, high = (share * limit for share in PACKING)
+def _start_level(
+    now: State,
+    previous: PreviousStep,
+    r: float,
+    weight: Array,
+    weight_faces: Array,
+    gas_density: tuple[Array | float, Array | float],
+) -> State:
+    """y_0 + c (y_0 - y_before), c = r weight; what a phase carries is weighted by its mass."""
+    solids = _mass_ratio(now.alpha, previous.alpha, weight * r) * weight * r
+    before, after = (1 - previous.alpha) * gas_density[1], (1 - now.alpha) * gas_density[0]
+    gas = _mass_ratio(after, before, weight * r) * weight * r
+    scales = {
+        name: _start_of_positive(
+            value, _growth(value, previous.scales[name]), solids if name.endswith("_s") else gas
+        )
+        for name, value in now.scales.items()
+    }
+    return replace(
+        now,
+        theta=_start_of_positive(now.theta, _growth(now.theta, previous.theta), solids),
+        u_s=now.u_s + solids[:, None] * (now.u_s - previous.u_s),
+        u_g=now.u_g + gas[:, None] * (now.u_g - previous.u_g),
+        solids_flux=now.solids_flux + weight_faces * r * (now.solids_flux - previous.solids_flux),
+        scales=scales,
+    )
+
+
+def _predicted(
+    line: LineMesh,
+    now: State,
+    previous: PreviousStep,
+    share: Array,
+    share_faces: Array,
+    dt: float,
+    packing_limit: float,
+) -> State:
+    """The state extrapolated to the end of the step, fractions and positive values within bounds.
+
+    share (cells), share_faces (faces) : of the second order
+    """
+    r = dt / previous.dt
+    there, there_faces = share * r, share_faces * r
+    slow = SLOW * line.velocity_scale
+    small_flux = slow * line.cells.face_area
+    alpha = now.alpha + there * (now.alpha - previous.alpha)
+    scales = {
+        name: value
+        * _growth(value, previous.scales[name]) ** (_slowness(now, name, dt) * share * r)
+        for name, value in now.scales.items()
+    }
+    return replace(
+        now,
+        alpha=np.clip(alpha, now.alpha / 2, (now.alpha + packing_limit) / 2),
+        theta=now.theta * _growth(now.theta, previous.theta) ** there,
+        u_s=_extrapolated(now.u_s, previous.u_s, there[:, None], slow),
+        u_g=_extrapolated(now.u_g, previous.u_g, there[:, None], slow),
+        total_flux=_extrapolated(now.total_flux, previous.total_flux, there_faces, small_flux),
+        solids_flux=_extrapolated(now.solids_flux, previous.solids_flux, there_faces, small_flux),
+        scales=scales,
+    )
+
+
+def _flux_weights(
+    line: LineMesh,
+    now: State,
+    previous: PreviousStep,
+    weight: Array,
+    dt: float,
+    packing_limit: float,
+) -> tuple[Array, Array]:
+    """Weight of the flux at the end of the step, and the share of the last step's flux [m3/s].
+
+    The latter is limited so that no cell comes too close to a bound by it.
+    """
+    rate, alpha = MOST_OF_ROOM * line.volume / dt, now.alpha[line.own]
+    loss, gain = rate * np.maximum(alpha, 0.0), rate * (packing_limit - alpha)
+    kept = limit_flux(line.cells, weight * previous.step_flux, loss, gain)
+    still = previous.step_flux == 0
+    moving = np.where(still, 1.0, previous.step_flux)
+    return 1 - np.where(still, weight, kept / moving), kept
+
+
+def _second_order_share(alpha: Array, packing_limit: float) -> Array:
+    """1 where the solids have room to move, 0 where they are nearly packed."""
+    low, high = (share * packing_limit for share in PACKING)
     return np.clip((high - alpha) / (high - low), 0.0, 1.0)
 
 
-def _on_faces(line: LineMesh, values: Array) -> Array:
-    """The smaller value of the two sides of each face."""
+def _smaller_of_sides(line: LineMesh, values: Array) -> Array:
+    """The smaller of the values in the two cells of each face."""
     cells = line.cells
     found = values[cells.first]
     found[line.inner] = np.minimum(found[line.inner], values[cells.second])
     return found
 
 
-def _rise(now: Array, before: Array) -> Array:
+def _growth(now: Array, before: Array) -> Array:
     """Factor by which a positive quantity has grown, within limits."""
-    return np.clip(now / np.maximum(before, 1e-300), 1 / LARGEST_RISE, LARGEST_RISE)
+    return np.clip(now / np.maximum(before, 1e-300), 1 / LARGEST_GROWTH, LARGEST_GROWTH)
 
 
-def _start(now: Array, rise: Array, c: Array) -> Array:
-    """y_0 + c (y_0 - y_before) of a positive quantity that has grown by a factor, within limits."""
-    return now * np.clip(1 + c * (1 - 1 / rise), 1 / LARGEST_RISE, LARGEST_RISE)
+def _start_of_positive(now: Array, growth: Array, c: Array) -> Array:
+    """y_0 + c (y_0 - y_before) of a positive quantity from its growth, within limits."""
+    return now * np.clip(1 + c * (1 - 1 / growth), 1 / LARGEST_GROWTH, LARGEST_GROWTH)
 
 
 def _slowness(now: State, scale: str, dt: float) -> Array:
-    """1 where eddies last longer than a step, to second order; 0 where they turn over within it.
+    """1 where eddies outlive the step, to second order; 0 where they turn over within it.
 
-    What follows others at once must not be carried on: it would take turns with them.
+    Scales of fast eddies follow the flow at once. Extrapolated, the two would alternate.
     """
     phase = "_s" if scale.endswith("_s") else ""
     turned = TURNS * dt * now.scales[f"eps{phase}"] / now.scales[f"k{phase}"]
     return 1 / (1 + np.square(turned))
 
 
-def _kept(line: LineMesh, now: State, flux: Array, dt: float, limit: float) -> Array:
-    """What has passed before, without what would take a cell too close to a bound."""
-    rate = MOST_OF_ROOM * line.volume / dt
-    alpha = now.alpha[line.own]
-    return limit_flux(line.cells, flux, rate * np.maximum(alpha, 0.0), rate * (limit - alpha))
-
-
-def _ratio(now: Array, before: Array, c: Array) -> Array:
-    """Fraction before the last step over that of `start`, by which phases weigh their past."""
+def _mass_ratio(now: Array, before: Array, c: Array) -> Array:
+    """Fraction in the previous state over that of the start level, within limits."""
     before, now = (np.maximum(x, SMALLEST_FRACTION) for x in (before, now))
     start = np.maximum(now + c * (now - before), before / LARGEST_RATIO)
     return before / start
 
 
 def _steadiness(change: Array, now: Array, small: Array | float) -> Array:
-    """1 for changes that are small beside the value or `small`, to fourth order; 0 for jumps."""
+    """1 for changes small beside the value or `small`, to fourth order; 0 for jumps."""
     if now.ndim > 1:
         change, now = (np.linalg.norm(x, axis=1)[:, None] for x in (change, now))
     return 1 / (1 + (np.square(change) / (np.square(now) + np.square(small))) ** 2)
 
 
-def _carry_on(now: Array, before: Array, r: Array | float, small: Array | float) -> Array:
-    """Extrapolation by r times the last change, which a jump does not take part in."""
+def _extrapolated(now: Array, before: Array, r: Array | float, small: Array | float) -> Array:
+    """Extrapolation by r times the last change, which leaves jumps out."""
     change = r * (now - before)
     return now + _steadiness(change, now, small) * change

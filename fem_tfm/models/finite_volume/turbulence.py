@@ -26,18 +26,15 @@ import numpy as np
 from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
 from fem_tfm.closures.turbulence.gas import Balance, Eddies
 from fem_tfm.models.finite_volume.cells.line import LineMesh
-from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
-from fem_tfm.models.finite_volume.ideal_gas import GasBalance
 from fem_tfm.models.finite_volume.laws import CellLaws
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
     Density,
-    Inflow,
-    SolidsTransport,
     State,
+    Step,
     TurbulenceCoefficients,
 )
 from fem_tfm.models.finite_volume.time_levels import TimeLevels
@@ -62,17 +59,21 @@ class Turbulence:
     ----------
     problem : turbulence intensities at the inlet
     line, laws : mesh and coefficients
-    matrix : scalar matrix, whose values are overwritten
+    transport : solver of scalars
     """
 
     def __init__(
-        self, problem: UnsteadyProblem, line: LineMesh, laws: CellLaws, matrix: CellMatrix
+        self,
+        problem: UnsteadyProblem,
+        line: LineMesh,
+        laws: CellLaws,
+        transport: ScalarTransport,
     ) -> None:
         self.line, self.laws, self.problem = line, laws, problem
+        self.transport = transport
         self.gas_law, self.dispersed = laws.laws.turbulence, laws.laws.dispersed
         self._of_gas = _plain(self.gas_law.transported)
         self._of_solids = _plain(self.dispersed.transported) if laws.solids else ()
-        self.transport = ScalarTransport(line, matrix)
         self._edges = np.unique(line.cells.first[line.wall])
         self._height = line.wall_height
         self._floors = {}
@@ -275,82 +276,88 @@ class Turbulence:
 
     # -- the step ------------------------------------------------------------------------------
 
-    def solve(
-        self,
-        at: State,
-        levels: TimeLevels,
-        start: State,
-        coefficients: TurbulenceCoefficients,
-        transported: SolidsTransport | None,
-        inflow: Inflow,
-        effort: dict[str, int],
-        gas_balance: GasBalance | None,
-    ) -> dict[str, Array]:
-        """Scales after a step from `start`, in all cells (collective).
-
-        at : state of which coefficients are taken
-        gas_balance : the gas, None where its density is constant
+    def solve(self, step: Step) -> tuple[dict[str, Array], int]:
+        """Scales after the step, in all cells, and the iterations (collective).
 
         Raises
         ------
         SolverError
             the linear solver does not converge.
         """
-        line, own, solids = (
-            self.line,
-            self.line.own,
-            0.0 if transported is None else transported.flux,
-        )
-        gas = Density.constant(1.0)
-        if gas_balance is not None:
-            gas = gas_balance.density.relative_to(self.laws.gas.density)
-        effort["turbulence"] = 0
+        start, state = step.levels.start, step.state
         found: dict[str, Array] = {}
-        for phase, names, density, before, after, flux in (
-            ("gas", self._of_gas, gas, 1 - start.alpha, 1 - at.alpha, at.total_flux - solids),
-            ("solids", self._of_solids, Density.constant(1.0), start.alpha, at.alpha, solids),
-        ):
-            if not names:
-                continue
-            inertia = density.start * np.maximum(before[own], SMALLEST_FRACTION) * line.volume
-            spread = np.maximum(after, SMALLEST_FRACTION)
-            if phase == "gas" and coefficients.relative_density is not None:
-                spread = spread * coefficients.relative_density
-            entering = self._entering(phase, inflow.mean_velocity(phase))
-            for name in names:
-                diagonal, side = self._step(name, levels, start, coefficients)
-                values = self.transport.solve(
-                    density.upwind * flux,
-                    spread * coefficients.diffusivity[name],
-                    inertia * diagonal,
-                    inertia * side,
-                    levels.now.scales[name][own],
-                    entering[name],
-                    linear=levels.second_order_faces if line.order else None,
-                    held=self._held(name, coefficients, found),
-                )
-                found[name] = line.cells.ghosted(np.maximum(values, self._floors[name]))
-                effort["turbulence"] += self.transport.iterations
-        return found
+        solids: Array | float = 0.0
+        if step.solids is not None:
+            solids = step.solids.flux
+        iterations = 0
+        if self._of_gas:
+            density = Density.constant(1.0)
+            if step.gas is not None:
+                density = step.gas.density.relative_to(self.laws.gas.density)
+            fractions = 1 - start.alpha, 1 - state.alpha
+            flux = state.total_flux - solids
+            iterations += self._solve_phase(step, "gas", density, fractions, flux, found)
+        if self._of_solids:
+            fractions = start.alpha, state.alpha
+            density = Density.constant(1.0)
+            iterations += self._solve_phase(step, "solids", density, fractions, solids, found)
+        return found, iterations
 
-    def _step(
-        self, name: str, levels: TimeLevels, start: State, coefficients: TurbulenceCoefficients
-    ) -> tuple[Array, Array]:
-        """Inertia and sources of a scale over a, in the owned cells: of the matrix and its side."""
-        own, span = self.line.own, levels.span
+    def _solve_phase(
+        self,
+        step: Step,
+        phase: str,
+        density: Density,
+        fractions: tuple[Array, Array],
+        flux: Array,
+        found: dict[str, Array],
+    ) -> int:
+        """Add the scales of a phase to those found, and return the iterations.
+
+        density : over the reference density [-]
+        fractions : of the phase at the start and at the end of the step, in all cells [-]
+        flux : volume flux of the phase [m3/s]
+        """
+        line, own, coefficients = self.line, self.line.own, step.turbulence
+        before, after = (np.maximum(fraction, SMALLEST_FRACTION) for fraction in fractions)
+        inertia = density.start * before[own] * line.volume
+        if phase == "gas" and coefficients.relative_density is not None:
+            after = after * coefficients.relative_density
+        entering = self._entering(phase, step.inflow.mean_velocity(phase))
+        iterations = 0
+        for name in self._of_gas if phase == "gas" else self._of_solids:
+            diagonal, rhs = self._inertia_and_source(name, step)
+            values, taken = self.transport.solve(
+                density.upwind * flux,
+                after * coefficients.diffusivity[name],
+                inertia * diagonal,
+                inertia * rhs,
+                guess=step.levels.now.scales[name][own],
+                entering=entering[name],
+                share=step.levels.second_order_faces,
+                prescribed=self._wall_values(name, coefficients, found),
+            )
+            found[name] = line.cells.ghosted(np.maximum(values, self._floors[name]))
+            iterations += taken
+        return iterations
+
+    def _inertia_and_source(self, name: str, step: Step) -> tuple[Array, Array]:
+        """Inertia and source of a scale over a, for matrix and right-hand side (owned) [1/s]."""
+        own, levels, coefficients = self.line.own, step.levels, step.turbulence
+        span = levels.span
         rise, stiff = span * coefficients.rate[name][own], span * coefficients.stiffness[name][own]
-        before = start.scales[name][own]
+        before = levels.start.scales[name][own]
         if levels.previous is None:
-            step = np.clip(rise / (1 + stiff), -LARGEST_STEP, LARGEST_STEP)
-            small = np.abs(step) < SMALLEST_CHANGE
-            step = np.where(small, SMALLEST_CHANGE, step)
-            fitted = np.where(small, 1 + stiff, rise / np.expm1(step)) / span
-            return fitted, fitted * np.exp(step) * before
+            change = np.clip(rise / (1 + stiff), -LARGEST_STEP, LARGEST_STEP)
+            small = np.abs(change) < SMALLEST_CHANGE
+            change = np.where(small, SMALLEST_CHANGE, change)
+            fitted = np.where(small, 1 + stiff, rise / np.expm1(change)) / span
+            return fitted, fitted * np.exp(change) * before
         kept = np.sqrt(1 + np.square(np.maximum(rise, 0.0)))
-        foreseen = levels.predicted.scales[name][own]
-        return (kept - rise + stiff) / span, (kept * before + stiff * foreseen) / span
+        predicted = levels.predicted.scales[name][own]
+        return (kept - rise + stiff) / span, (kept * before + stiff * predicted) / span
 
-    def _held(
+    def _wall_values(
         self, name: str, coefficients: TurbulenceCoefficients, found: dict[str, Array]
     ) -> tuple[Array, Array] | None:
         """Cells of the wall in which the law gives a scale from those found before it."""

@@ -8,13 +8,10 @@ import numpy as np
 from fem_tfm.closures.walls.gas import GasWall
 from fem_tfm.correlations import power_law
 from fem_tfm.geometry.mesh import Mesh
-from fem_tfm.models.finite_volume.cells.limiter import limited_increments
 from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
 from fem_tfm.models.finite_volume.cells.reconstruction import Reconstruction
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 
-# differences below this share of a scale, for cells as wide as the line, are not limited
-SMOOTH = 0.3
 # a wall whose normal has a smaller part along the axis is a side of the line, not an end
 ALONG = 0.7
 PARTS = ("inlet", "outlet", "wall", "symmetry")
@@ -45,12 +42,11 @@ class LineMesh:
     gas_profile : height y' of the gas's profile that the cells carry [m], and dy'/dy
     wall_height : at which the wall law meets the gas of the wall's cells [m]
     inlet_profile : normal velocity of what enters over its mean, on the faces of the inlet [-]
-    order : 0, upwind, or 1, limited linear
     velocity_scale, diameter : scales of the flow [m/s], [m]
     """
 
     def __init__(self, problem: UnsteadyProblem, mesh: Mesh) -> None:
-        self.mesh, self.order = mesh, int(problem.second_order)
+        self.mesh = mesh
         self.cells = cells = Cells(mesh, [name for name in PARTS if name in mesh.tags])
         self.velocity_scale = problem.gas_velocity
         self.diameter = problem.diameter
@@ -76,9 +72,6 @@ class LineMesh:
             law, 1 / self.inverse_distance[self.wall], offset, self.diameter
         )
         self.inlet_profile = self._inlet_profile(problem.inlet_profile)
-        # extrema of smooth values are lower than this in fine cells
-        reach = np.linalg.norm(cells.delta[: cells.inner_count], axis=1)
-        self._small = SMOOTH * (reach / self.diameter) ** 1.5
 
     def _wall_distance(self) -> Array:
         """Distance to the wall less that of the straight faces themselves (collective).
@@ -109,22 +102,6 @@ class LineMesh:
     def inlet_flux(self, mean: float) -> Array:
         """Volume flux into the domain at a mean velocity, negative as it enters [m3/s]."""
         return -mean * self.inlet_profile * self.cells.face_area[self.inlet]
-
-    def second_order_flux(
-        self, flux: Array, values: Array, scale: Array | float, gradient: Array
-    ) -> Array:
-        """What linear values in cells add to an upwind flux of `values`.
-
-        flux (faces) : what carries the values
-        scale (inner) : of the values
-        gradient (cells, ..., 3) : of the values
-        """
-        cells, inner = self.cells, self.inner
-        ahead, back = limited_increments(cells, values, gradient, scale * self._small)
-        flux = flux[inner].reshape(-1, *(1,) * (values.ndim - 1))
-        found = np.zeros((cells.face_count, *values.shape[1:]))
-        found[inner] = flux * np.where(flux > 0, ahead, back)
-        return found
 
     def small_norm(self, value: float) -> float:
         """Norm of a vector with `value` in every cell."""
