@@ -45,7 +45,7 @@ def setup_of(case: Case) -> Setup:
         width,
         case.solids_material,
         given.theta_floor,
-        case.walls.grain_gap,
+        case.walls.grain_gap * (case.solids.diameter if case.solids else 0.0),
         alpha_diffusion=ALPHA_DIFFUSION * speed * width if diffusion is None else diffusion,
         capture=given.capture,
         damping=given.damping,

@@ -25,6 +25,7 @@ from fem_tfm.flows.recorder import Recorder
 from fem_tfm.flows.samples import MEANS, Plane, Probes, Sections, Table, columns
 from fem_tfm.mesh import axial_layers, geometry_of, line, line_cells
 from fem_tfm.models.finite_volume import Inflow, Report, UnsteadyFlow, UnsteadyProblem
+from fem_tfm.models.pointwise import ClosureSet
 from fem_tfm.output import checkpoint
 from fem_tfm.output.fields import FieldWriter
 from fem_tfm.output.files import on_root
@@ -56,11 +57,12 @@ def problem_of(case: Case) -> UnsteadyProblem:
     return UnsteadyProblem(
         gas=case.gas_material,
         solids=solids,
-        closures=dense.setup_of(case).closures,
+        closures=ClosureSet.of(case.closures, case.walls),
         gravity=np.array(case.gravity_vector),
         gas_velocity=case.operation.gas_superficial_velocity,
         diameter=case.geometry.hydraulic_diameter,
         wall_offset=case.wall_distance,
+        theta_floor=case.numerics.theta_floor,
         grain_gap=case.walls.grain_gap * (solids.diameter if solids else 0.0),
         inlet_profile=inlet.profile,
         solids_intensity=inlet.solids_intensity,

@@ -16,8 +16,8 @@ One step, without outer iterations:
    for a gas whose density follows the pressure (`ideal_gas`) that of the balance of its mass.
 
 `flow` puts the step together from these equations, `time_levels` gives its levels in time, `state`
-the values that the equations pass on. `laws` gives the coefficients in cells and knows
-neither faces nor matrices; `cells` has the mesh, its operators, limiters, matrices and solvers.
+the values that the equations pass on. All coefficients are those of `models.pointwise`; `cells` has
+the mesh, its operators, limiters, matrices and solvers.
 
 Forces act as accelerations of faces and are carried to the cells from there, so that neither
 pressure oscillates and fluids at rest stay at rest. p is the pressure without the weight of the gas

@@ -17,7 +17,6 @@ from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.fraction import SolidsFraction
 from fem_tfm.models.finite_volume.ideal_gas import IdealGas, RelativeDensity, gas_volume
-from fem_tfm.models.finite_volume.laws import CellLaws
 from fem_tfm.models.finite_volume.momentum import Momentum
 from fem_tfm.models.finite_volume.pressure import PressureProjection
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
@@ -25,7 +24,6 @@ from fem_tfm.models.finite_volume.state import (
     CELL_FIELDS,
     FACE_FIELDS,
     SMALLEST_FRACTION,
-    SMALLEST_THETA,
     Inflow,
     Masses,
     Report,
@@ -45,6 +43,7 @@ from fem_tfm.models.finite_volume.time_levels import (
     implicit_euler,
 )
 from fem_tfm.models.finite_volume.turbulence import Turbulence
+from fem_tfm.models.pointwise import Invariants
 
 FAILURES = (SolverError, FloatingPointError, np.linalg.LinAlgError)
 
@@ -69,7 +68,7 @@ class UnsteadyFlow:
     def __init__(self, problem: UnsteadyProblem, mesh: Mesh) -> None:
         self.problem, self.mesh = problem, mesh
         self.gas, self.solids = problem.gas, problem.solids
-        self.line, self.laws = LineMesh(problem, mesh), CellLaws(problem)
+        self.line, self.laws = LineMesh(problem, mesh), problem.pointwise()
         self.cells = self.line.cells
         scalar = CellMatrix(self.cells)
         self.turbulence = None
@@ -85,14 +84,17 @@ class UnsteadyFlow:
         self._functions: dict[str, fem.Function] = {}
         self.initialise()
 
-    def initialise(self, alpha: Any = 0.0, theta: float = SMALLEST_THETA, p: Any = 0.0) -> None:
-        """Both phases at rest; solids fraction and pressure are numbers or those of all cells."""
+    def initialise(self, alpha: Any = 0.0, theta: float | None = None, p: Any = 0.0) -> None:
+        """Both phases at rest; solids fraction and pressure are numbers or those of all cells.
+
+        theta : granular temperature, None for the smallest [m2/s2]
+        """
         cells = self.cells
         zero, flux = np.zeros(cells.count), np.zeros(cells.face_count)
         vector = np.zeros((cells.count, 3))
         self.now = State(
             alpha=zero + alpha,
-            theta=zero + theta,
+            theta=zero + (self.laws.regularisation.theta_floor if theta is None else theta),
             p=zero + p,
             u_s=vector,
             u_g=vector,
@@ -195,7 +197,8 @@ class UnsteadyFlow:
                 drag = sum(self._drag(old, relative_density))
                 response = self.pressure.response(old.alpha, drag, dt, density)[0]
                 # the pressure of the solids acts from the first step on: what it bears must too
-                p_s = self.laws.solids_pressure(old.alpha, old.theta, deformation)
+                alpha = np.maximum(old.alpha, 0.0)
+                p_s = self.laws.solids_pressure(alpha, old.theta, *deformation.rates)
                 borne = response * cells.face_area * self.momentum.supported_weight(old.alpha, p_s)
                 levels = replace(
                     levels, start=replace(start, solids_flux=start.solids_flux + borne)
@@ -257,7 +260,7 @@ class UnsteadyFlow:
         cells = self.cells
         gradient = cells.ghosted(cells.gradient(at.u_s))
         dilation = cells.ghosted(cells.net_flux(at.solids_flux) / self.line.volume)
-        return self.laws.deformation(gradient, dilation)
+        return SolidsDeformation(gradient, Invariants(gradient).square, dilation)
 
     def _expected_rates(self, levels: TimeLevels) -> SolidsDeformation:
         """Deformation predicted for the end of a step; the gradient is the present one.
@@ -274,8 +277,9 @@ class UnsteadyFlow:
         self, at: State, relative_density: RelativeDensity | None = None
     ) -> tuple[Array, Array]:
         """beta and its growth with the slip, |u| d(beta)/d|u|, in all cells [kg/m3/s]."""
-        laws = self.laws.of(relative_density.end) if relative_density else self.laws
-        return laws.steep_drag(at.alpha, at.u_g - at.u_s, self.line.gas_profile[0])
+        laws = self.laws.with_density(relative_density.end) if relative_density else self.laws
+        alpha, speed = np.maximum(at.alpha, SMALLEST_FRACTION), laws.speed(at.u_g - at.u_s)
+        return laws.drag_and_growth(alpha, speed, self.line.gas_profile[0])
 
     # -- what others read ----------------------------------------------------------------------
 

@@ -11,7 +11,6 @@ from fem_tfm.models.finite_volume.cells.limiter import limit_flux
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
-from fem_tfm.models.finite_volume.laws import CellLaws
 from fem_tfm.models.finite_volume.state import (
     LONELY_FRACTION,
     SECOND_ORDER_SOLVES,
@@ -21,6 +20,7 @@ from fem_tfm.models.finite_volume.state import (
     TurbulenceCoefficients,
 )
 from fem_tfm.models.finite_volume.time_levels import TimeLevels
+from fem_tfm.models.pointwise import Pointwise
 
 # relative residual, change and iterations of Newton's method
 RESIDUAL, CHANGE, ITERATIONS = 1e-10, 1e-12, 40
@@ -39,7 +39,7 @@ class SolidsFraction:
     matrix : scalar matrix, whose values are overwritten
     """
 
-    def __init__(self, line: LineMesh, laws: CellLaws, matrix: CellMatrix) -> None:
+    def __init__(self, line: LineMesh, laws: Pointwise, matrix: CellMatrix) -> None:
         self.line, self.laws, self.matrix = line, laws, matrix
         self._krylov = Krylov(matrix, "transport", LINEAR_TOLERANCE)
         self._edges = line.cells.first[line.cells.inner_count :]
@@ -83,7 +83,8 @@ class SolidsFraction:
                 spread[edge] = 0.0
 
         def pressure(alpha: Array) -> Array:
-            return self.laws.solids_pressure(alpha, theta, deformation, lift)
+            p_s = self.laws.solids_pressure(alpha, theta, *deformation.rates)
+            return p_s + alpha * self.laws.solids.density * lift
 
         def stiffness(w: Array, p_s: Array) -> Array:
             step = 1e-7 * (1 + w)

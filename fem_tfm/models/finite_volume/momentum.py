@@ -15,7 +15,6 @@ from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
 from fem_tfm.models.finite_volume.ideal_gas import GasBalance
-from fem_tfm.models.finite_volume.laws import CellLaws
 from fem_tfm.models.finite_volume.state import (
     SECOND_ORDER_SOLVES,
     SMALLEST_FRACTION,
@@ -29,6 +28,7 @@ from fem_tfm.models.finite_volume.state import (
     TurbulenceCoefficients,
 )
 from fem_tfm.models.finite_volume.time_levels import TimeLevels
+from fem_tfm.models.pointwise import Invariants, Pointwise, tangential
 
 # residual that ends the solver, over U in every cell
 SMALL_VELOCITY = 1e-9
@@ -97,7 +97,7 @@ class Momentum:
     lifted : density of the gas whose weight the pressure leaves out [kg/m3]
     """
 
-    def __init__(self, line: LineMesh, laws: CellLaws, gravity: Array, lifted: float) -> None:
+    def __init__(self, line: LineMesh, laws: Pointwise, gravity: Array, lifted: float) -> None:
         self.line, self.laws, self._lifted = line, laws, lifted
         # rises along the normals, for the weight of a phase [m/s2]
         self._weight = line.normal @ gravity
@@ -180,17 +180,18 @@ class Momentum:
         coefficients: TurbulenceCoefficients | None,
     ) -> Phase:
         laws, line = self.laws, self.line
-        grains = laws.grains(at.alpha, at.theta, deformation)
-        mu = grains.kinetic.shear_viscosity + grains.mu_f
+        alpha = np.maximum(at.alpha, 0.0)
+        grains = laws.coefficients(alpha, at.theta, *deformation.rates)
+        mu = grains.viscosity
         if coefficients is not None:
-            mu = mu + np.maximum(at.alpha, 0.0) * laws.solids.density * coefficients.nu_s
+            mu = mu + alpha * laws.solids.density * coefficients.nu_s
         edge, wall = line.cells.first[line.wall], line.wall
-        if laws.laws.solids_wall.strong:
+        if laws.closures.solids_wall.strong:
             wall_friction = mu[edge] * line.cells.face_weight[wall]
         else:
-            slip = laws.slip(at.u_s[edge], line.normal[wall])
-            state = laws.wall_state(at.alpha, at.theta, grains, slip, edge)
-            wall_friction = laws.solids_friction(state) * line.cells.face_area[wall]
+            slip = tangential(at.u_s[edge], line.normal[wall])
+            state = laws.wall_state(alpha, at.theta, grains, slip, edge)
+            wall_friction = laws.solids_wall_friction(state) * line.cells.face_area[wall]
         support = self._body_force.support(at.alpha, transported.pressure)
         # what a void lacks of the smallest fraction moves with the gas
         absent = np.clip(1 - start.alpha / SMALLEST_FRACTION, 0.0, 1.0)[:, None]
@@ -229,30 +230,29 @@ class Momentum:
         edge, wall = cells.first[line.wall], line.wall
         density = Density.constant(laws.gas.density)
         if gas_balance is not None:
-            density, laws = gas_balance.density, laws.of(gas_balance.relative_density)
+            density, laws = gas_balance.density, laws.with_density(gas_balance.relative_density)
         void = 1 - at.alpha
         if coefficients is None:
             gradient = cells.ghosted(cells.gradient(levels.now.u_g))
-            mu = laws.gas_viscosity(gradient, *line.gas_profile)
+            mu = self._gas_viscosity(laws, gradient)
             if levels.previous is not None:
                 before = cells.ghosted(cells.gradient(levels.previous.u_g))
-                mu = levels.extrapolate(mu, laws.gas_viscosity(before, *line.gas_profile))
+                mu = levels.extrapolate(mu, self._gas_viscosity(laws, before))
         else:
             gradient = coefficients.gradient
             mu = (laws.gas.viscosity + coefficients.mu_t) / line.gas_profile[1]
         mu = void * mu
         flux = at.total_flux - (0.0 if transported is None else transported.flux)
         flux[line.inlet] = 0.0
-        if laws.laws.gas_wall.strong:
+        if laws.closures.gas_wall.strong:
             wall_friction = mu[edge] * cells.face_weight[wall]
         else:
-            slip = laws.slip(at.u_g[edge], line.normal[wall])
+            speed = laws.speed(tangential(at.u_g[edge], line.normal[wall]))
             k = at.scales["k"][edge] if "k" in at.scales else None
-            beside = laws.within(edge)
-            friction = beside.gas_friction(void[edge], slip, line.wall_height, k)
-            wall_friction = friction * cells.face_area[wall]
+            friction = laws.at(edge).gas_wall_friction(speed, line.wall_height, k)
+            wall_friction = void[edge] * friction * cells.face_area[wall]
         implicit_correction = None
-        if not laws.laws.turbulence.transported and (mu > laws.gas.viscosity).any():
+        if not laws.closures.turbulence.transported and (mu > laws.gas.viscosity).any():
             eddy = np.maximum(mu - void * laws.gas.viscosity, 0.0)
             implicit_correction = self._implicit_correction(eddy, void * laws.gas.density, levels)
         eddies = None
@@ -275,6 +275,11 @@ class Momentum:
             support=None,
             implicit_correction=implicit_correction,
         )
+
+    def _gas_viscosity(self, laws: Pointwise, gradient: Array) -> Array:
+        """Viscosity of an algebraic law at grad u_g [Pa s]."""
+        height, slope = self.line.gas_profile
+        return laws.gas_viscosity(laws.eddies(Invariants(gradient), height, slope), slope)
 
     def _implicit_correction(self, viscosity: Array, mass: Array, levels: TimeLevels) -> Array:
         """What the matrix holds of a stress beyond mu S that lags a step behind, of faces [kg/s].

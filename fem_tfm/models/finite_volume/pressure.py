@@ -13,8 +13,8 @@ from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.ideal_gas import GasBalance
-from fem_tfm.models.finite_volume.laws import CellLaws
 from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Inflow, Phase, State
+from fem_tfm.models.pointwise import Pointwise
 
 # residual of the linear system over the right-hand side, and what ends it over rho_g U^2
 TOLERANCE, SMALL_PRESSURE = 1e-6, 1e-9
@@ -31,7 +31,7 @@ class PressureProjection:
     compressible : the density of the gas follows the pressure
     """
 
-    def __init__(self, line: LineMesh, laws: CellLaws, compressible: bool = False) -> None:
+    def __init__(self, line: LineMesh, laws: Pointwise, compressible: bool = False) -> None:
         self.line, self.laws = line, laws
         # nothing sets the level of the pressure
         self._floats = not (line.has_outlet or compressible)

@@ -14,8 +14,8 @@ from fem_tfm.models.finite_volume.cells.mesh import Array
 
 type Indices = npt.NDArray[np.intp]
 
-# a phase that is absent moves as one of this fraction; a void has this granular temperature
-SMALLEST_FRACTION, SMALLEST_THETA = 1e-9, 1e-12
+# a phase that is absent moves as one of this fraction
+SMALLEST_FRACTION = 1e-9
 # solves of a second-order equation: the corrections of the second use the result of the first
 SECOND_ORDER_SOLVES = 2
 # grains below this fraction are not faster than the gas
@@ -167,6 +167,11 @@ class SolidsDeformation:
     gradient: Array
     shear: Array
     dilation: Array
+
+    @property
+    def rates(self) -> tuple[Array, Array]:
+        """S:S and div u_s."""
+        return self.shear, self.dilation
 
 
 @dataclass(frozen=True)

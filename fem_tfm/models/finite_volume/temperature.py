@@ -3,26 +3,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
-from fem_tfm.models.finite_volume.laws import CellLaws, SolidsCoefficients
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.state import (
     LONELY_FRACTION,
     SMALLEST_FRACTION,
-    SMALLEST_THETA,
     Inflow,
     SolidsDeformation,
     SolidsTransport,
     State,
 )
 from fem_tfm.models.finite_volume.time_levels import TimeLevels
+from fem_tfm.models.pointwise import Pointwise, SolidsCoefficients, tangential
 
 
 class GranularTemperature:
@@ -36,7 +33,7 @@ class GranularTemperature:
     """
 
     def __init__(
-        self, problem: UnsteadyProblem, line: LineMesh, laws: CellLaws, matrix: CellMatrix
+        self, problem: UnsteadyProblem, line: LineMesh, laws: Pointwise, matrix: CellMatrix
     ) -> None:
         self.line, self.laws = line, laws
         self._intensity = problem.solids_intensity
@@ -62,7 +59,8 @@ class GranularTemperature:
         SolverError
             the linear solver does not converge.
         """
-        line, cells, laws, alpha = self.line, self.line.cells, self.laws, transported.alpha
+        line, cells, laws = self.line, self.line.cells, self.laws
+        alpha = np.maximum(transported.alpha, 0.0)
         # dense grains heat up thousandfold faster than they are compressed: what only one of two
         # steps compresses would drive waves of their pressure
         dilation = np.maximum(transported.dilation, deformation.dilation)
@@ -71,19 +69,17 @@ class GranularTemperature:
             both = (transported.dilation < 0) & (deformation.dilation < 0)
             trusted = levels.second_order * (both | (transported.dilation > 0))
             dilation = dilation + trusted * (transported.dilation - dilation)
-        grains = laws.grains(alpha, old.theta, replace(deformation, dilation=dilation))
-        if laws.laws.theta == "algebraic":
-            return laws.balanced_theta(alpha, grains, deformation.shear, beta)
-        own, k = line.own, grains.kinetic
+        grains = laws.coefficients(alpha, old.theta, deformation.shear, dilation)
+        if laws.closures.theta == "algebraic":
+            found = laws.algebraic_theta(alpha, grains.g0, deformation.shear, beta)
+            return self._bounded(found, alpha)
+        own = line.own
         density = laws.solids.density
         mass = 1.5 * density * np.maximum(start.alpha[own], SMALLEST_FRACTION)
         inertia = mass * line.volume / levels.span
-        work = 2 * k.shear_viscosity * deformation.shear + k.bulk_viscosity * dilation**2
-        if laws.laws.friction_feeds_theta:
-            work = work + 2 * grains.mu_f * deformation.shear
-        unit = k.pressure / old.theta * dilation
-        sink = k.dissipation / old.theta + 3 * beta + np.maximum(unit, 0.0)
-        gain = work + np.maximum(-unit, 0.0) * old.theta
+        made = laws.granular_energy(grains, old.theta, deformation.shear, dilation, beta)
+        sink = made.decay + np.maximum(made.compression, 0.0) / old.theta
+        gain = made.production + np.maximum(-made.compression, 0.0)
         energy = inflow.sources.energy
         diagonal = inertia + sink[own] * line.volume
         diagonal += np.maximum(-energy, 0.0) / old.theta[own] * line.volume
@@ -95,7 +91,7 @@ class GranularTemperature:
             cells.add_boundary("wall", diagonal, np.maximum(-heat, 0.0) / old.theta[edge])
         found = self.transport.solve(
             1.5 * density * transported.flux,
-            k.conductivity,
+            grains.kinetic.conductivity,
             diagonal,
             rhs,
             old.theta[own],
@@ -103,14 +99,17 @@ class GranularTemperature:
             linear=levels.second_order_faces if line.order else None,
         )
         effort["theta"] = self.transport.iterations
-        # grains that are all but alone do not fly faster than the gas
-        alone = alpha[own] < LONELY_FRACTION
-        found[alone] = np.minimum(found[alone], line.velocity_scale**2)
-        return cells.ghosted(np.maximum(found, SMALLEST_THETA))
+        return cells.ghosted(self._bounded(found, alpha[own]))
+
+    def _bounded(self, theta: Array, alpha: Array) -> Array:
+        """Theta above its floor; grains that are all but alone do not fly faster than the gas."""
+        alone = alpha < LONELY_FRACTION
+        theta[alone] = np.minimum(theta[alone], self.line.velocity_scale**2)
+        return np.maximum(theta, self.laws.regularisation.theta_floor)
 
     def _wall_heat(self, old: State, alpha: Array, grains: SolidsCoefficients) -> Array:
         """Flux from the faces of the wall into the granular energy [W/m2]."""
         edge = self.line.cells.first[self.line.wall]
-        slip = self.laws.slip(old.u_s[edge], self.line.normal[self.line.wall])
+        slip = tangential(old.u_s[edge], self.line.normal[self.line.wall])
         state = self.laws.wall_state(alpha, old.theta, grains, slip, edge)
-        return self.laws.wall_heat(state)
+        return self.laws.solids_wall_heat(state)
