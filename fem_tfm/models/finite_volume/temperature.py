@@ -16,14 +16,13 @@ import numpy as np
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
-from fem_tfm.models.finite_volume.laws import CellLaws, SolidsCoefficients
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.state import (
     LONELY_FRACTION,
     SMALLEST_FRACTION,
-    SMALLEST_THETA,
     Step,
 )
+from fem_tfm.models.pointwise import Pointwise, SolidsCoefficients, tangential
 
 
 class GranularTemperature:
@@ -40,7 +39,7 @@ class GranularTemperature:
         self,
         problem: UnsteadyProblem,
         line: LineMesh,
-        laws: CellLaws,
+        laws: Pointwise,
         transport: ScalarTransport,
     ) -> None:
         self.line, self.laws, self.transport = line, laws, transport
@@ -58,10 +57,11 @@ class GranularTemperature:
         own, theta = line.own, step.state.theta
         dilation = self._dilation(step)
         deformation = replace(step.deformation, dilation=dilation)
-        coefficients = laws.grains(solids.alpha, theta, deformation)
-        if laws.laws.theta == "algebraic":
-            shear = deformation.shear
-            return laws.balanced_theta(solids.alpha, coefficients, shear, step.drag), 0
+        alpha = np.maximum(solids.alpha, 0.0)
+        coefficients = laws.coefficients(alpha, theta, *deformation.rates)
+        if laws.closures.theta == "algebraic":
+            found = laws.algebraic_theta(alpha, coefficients.g0, deformation.shear, step.drag)
+            return self._bounded(found, alpha), 0
         start, density = step.levels.start, laws.solids.density
         inertia = 1.5 * density * np.maximum(start.alpha[own], SMALLEST_FRACTION)
         inertia = inertia * line.volume / step.levels.span
@@ -78,10 +78,13 @@ class GranularTemperature:
             entering=(self._intensity * step.inflow.solids_velocity) ** 2,
             share=step.levels.second_order_faces,
         )
-        # single grains in a void are not faster than the gas
-        single = solids.alpha[own] < LONELY_FRACTION
-        values[single] = np.minimum(values[single], line.velocity_scale**2)
-        return line.cells.ghosted(np.maximum(values, SMALLEST_THETA)), iterations
+        return line.cells.ghosted(self._bounded(values, alpha[own])), iterations
+
+    def _bounded(self, theta: Array, alpha: Array) -> Array:
+        """Theta above its floor; single grains in a void are not faster than the gas."""
+        single = alpha < LONELY_FRACTION
+        theta[single] = np.minimum(theta[single], self.line.velocity_scale**2)
+        return np.maximum(theta, self.laws.regularisation.theta_floor)
 
     def _dilation(self, step: Step) -> Array:
         """div u_s [1/s] that feeds the granular energy: the larger of two, where they disagree.
@@ -100,14 +103,11 @@ class GranularTemperature:
         self, step: Step, coefficients: SolidsCoefficients, dilation: Array
     ) -> tuple[Array, Array]:
         """Sinks over Theta [kg/s] and sources [W] of the owned cells."""
-        own, volume, k = self.line.own, self.line.volume, coefficients.kinetic
+        own, volume = self.line.own, self.line.volume
         theta, shear = step.state.theta, step.deformation.shear
-        work = 2 * k.shear_viscosity * shear + k.bulk_viscosity * dilation**2
-        if self.laws.laws.friction_feeds_theta:
-            work = work + 2 * coefficients.mu_f * shear
-        expansion = k.pressure / theta * dilation
-        sink = k.dissipation / theta + 3 * step.drag + np.maximum(expansion, 0.0)
-        source = work + np.maximum(-expansion, 0.0) * theta
+        made = self.laws.granular_energy(coefficients, theta, shear, dilation, step.drag)
+        sink = made.decay + np.maximum(made.compression, 0.0) / theta
+        source = made.production + np.maximum(-made.compression, 0.0)
         given = step.inflow.sources.energy
         sink = sink[own] * volume + np.maximum(-given, 0.0) / theta[own] * volume
         return sink, (source[own] + np.maximum(given, 0.0)) * volume
@@ -118,8 +118,9 @@ class GranularTemperature:
         """Add the energy that the wall gives to `rhs`, and what it takes to `diagonal`."""
         line, cells, laws, state = self.line, self.line.cells, self.laws, step.state
         edge = cells.first[line.wall]
-        slip = laws.slip(state.u_s[edge], line.normal[line.wall])
-        wall = laws.wall_state(step.solids.alpha, state.theta, coefficients, slip, edge)
-        heat = laws.wall_heat(wall) * cells.face_area[line.wall]
+        slip = tangential(state.u_s[edge], line.normal[line.wall])
+        alpha = np.maximum(step.solids.alpha, 0.0)
+        wall = laws.wall_state(alpha, state.theta, coefficients, slip, edge)
+        heat = laws.solids_wall_heat(wall) * cells.face_area[line.wall]
         cells.add_boundary("wall", rhs, np.maximum(heat, 0.0))
         cells.add_boundary("wall", diagonal, np.maximum(-heat, 0.0) / state.theta[edge])
