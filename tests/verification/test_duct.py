@@ -103,7 +103,7 @@ def test_symmetric_about_the_diagonal() -> None:
     values = u.x.array.reshape(-1, 3)
     mirror = np.linalg.norm(points[:, None, :2] - points[None, :, 1::-1], axis=2).argmin(axis=1)
     away = values - values[mirror][:, [1, 0, 2]]
-    assert abs(away).max() < 1e-8 * section.setup.velocity
+    assert abs(away).max() < 1e-8 * section.setup.gas_velocity
 
 
 @pytest.mark.parametrize("symmetry", ["half", "none"])
