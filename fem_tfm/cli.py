@@ -15,18 +15,20 @@ import sys
 import textwrap
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import MISSING
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import tomli_w
 from mpi4py import MPI
 
 import fem_tfm
 from fem_tfm import signals
-from fem_tfm.case import Case
-from fem_tfm.case.edit import parse_value
-from fem_tfm.errors import FemTfmError, InputError, SolverError
+from fem_tfm.errors import FemTfmError, InputError, SolverError, nearest
+
+if TYPE_CHECKING:
+    from fem_tfm.case import Case
 
 DONE, CRASHED, BAD_INPUT, NOT_SOLVED, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -111,8 +113,7 @@ def _say(*texts: object) -> None:
 
 def run(options: argparse.Namespace) -> None:
     """Solve a case, write the results and print them."""
-    case = Case.load(options.case, options.set)
-    out = options.out or _results(options.case)
+    case, out = _load(options), options.out or _results(options.case)
     result = case.run(out, options.overwrite, options.resume, options.quiet)
     if not options.quiet and MPI.COMM_WORLD.rank == 0:
         from fem_tfm.output.summary import print_summary
@@ -122,14 +123,12 @@ def run(options: argparse.Namespace) -> None:
 
 def check(options: argparse.Namespace) -> None:
     """Tell what would be solved, and what it would take."""
-    case = Case.load(options.case, options.set)
-
-    _say(*_listing(case.scene.describe()))
+    _say(*_listing(_load(options).scene.describe()))
 
 
 def mesh(options: argparse.Namespace) -> None:
     """Write the mesh of a case for other programs."""
-    case = Case.load(options.case, options.set)
+    case = _load(options)
     if Path(options.out).exists() and not options.overwrite:
         raise InputError("--out", options.out, "a new file, or --overwrite")
 
@@ -160,20 +159,20 @@ def report(options: argparse.Namespace) -> None:
 def sweep(options: argparse.Namespace) -> int:
     """Solve a case for every combination of the varied values; one table and one plot.
 
-    A point that fails has its reason in the table, the others go on, and the status is 3.
+    A point that fails has its reason in the table, the others go on, and the status is 3. Every
+    point is written as it ends; --resume solves those that an earlier sweep has not.
     """
-    case = Case.load(options.case, options.set)
-    vary = dict(parse_variation(text) for text in options.vary)
-    # every combination is tried before the first run, so that a late one cannot spoil the study
-    for values in itertools.product(*vary.values()):
-        case.with_values(dict(zip(vary, values, strict=True)))
+    from fem_tfm.case.edit import each_once, parse_override
     from fem_tfm.scenes.recorder import results_directory
-
-    out = results_directory(options.out or f"{_results(options.case)}-sweep", options.overwrite)
-
     from fem_tfm.study import sweep as study
 
-    found = study.run(case, vary, out, options.jobs)
+    case, vary = _load(options), each_once("--vary", map(parse_variation, options.vary))
+    for key, _ in map(parse_override, options.set):
+        if key in vary:
+            raise InputError("--set", key, "a key that --vary does not give")
+    place = options.out or f"{_results(options.case)}-sweep"
+    out = results_directory(place, options.overwrite, options.resume)
+    found = study.run(case, vary, out, options.jobs, options.resume, options.keep)
     _say(found)
     return NOT_SOLVED if found.failed else DONE
 
@@ -195,8 +194,25 @@ def models(options: argparse.Namespace) -> None:
             _say(*_law(law, with_formula=options.family is not None))
 
 
+def keys(options: argparse.Namespace) -> None:
+    """List the keys of a case file: unit, default, meaning and the scenes that read them."""
+    from fem_tfm.scenes.kinds import in_order, known_keys, known_tables
+    from fem_tfm.scenes.reading import CHOOSING
+
+    asked, known = options.table, [*CHOOSING, *known_keys()]
+    chosen = [name for name in known if asked is None or f"{name}.".startswith(f"{asked}.")]
+    if not chosen:
+        tables = [*known_tables(), *(name for name in known if "." not in name)]
+        words = f"a key, or one of {', '.join(in_order(tables))}"
+        raise InputError("TABLE", asked, words, nearest(asked, [*tables, *known]))
+    for name in in_order(chosen):
+        _say(*_key(name))
+
+
 def parse_variation(text: str) -> tuple[str, list[Any]]:
     """Split "key=a,b,c" as given to --vary; the values are read as those of --set."""
+    from fem_tfm.case.edit import parse_value
+
     key, _, listed = text.partition("=")
     values = parse_value(f"[{listed}]")
     if not isinstance(values, list):
@@ -205,6 +221,13 @@ def parse_variation(text: str) -> tuple[str, list[Any]]:
         allowed = "key=a,b,c, such as operation.gas_superficial_velocity=5,6,7"
         raise InputError("--vary", text, allowed)
     return key.strip(), values
+
+
+def _load(options: argparse.Namespace) -> Case:
+    """The case of a verb; PETSc is loaded here, after the signals are installed."""
+    from fem_tfm.case import Case
+
+    return Case.load(options.case, options.set)
 
 
 def _results(case: str) -> Path:
@@ -236,6 +259,27 @@ def _law(entry: Mapping[str, Any], with_formula: bool) -> Iterator[str]:
     yield _wrapped(entry["validity"], "    valid: ")
     for p in entry["parameters"]:
         yield _wrapped(f"{p['doc']}; {p['range']}", f"    {p['name']} = {_toml(p['default'])}: ")
+    yield ""
+
+
+def _key(name: str) -> Iterator[str]:
+    """One key of a case file."""
+    from fem_tfm.scenes.kinds import known_keys, readers, readers_in_words
+    from fem_tfm.scenes.reading import CHOOSING, choices
+
+    if name in CHOOSING:
+        default, doc = CHOOSING[name]
+        yield f"{name} = {_toml(default)}"
+        yield _wrapped(f"{doc}; one of {', '.join(choices(name))}", "    ")
+        yield "    read by every scene\n"
+        return
+    key = known_keys()[name]
+    given = " or ".join(_toml(value) for value in key.defaults if value not in (None, MISSING))
+    unit = f" [{key.unit}]" if key.unit else ""
+    must = ", must be given" if key.default is MISSING else ""
+    yield f"{name}{unit}{must}" + (f" = {given}" if given else "")
+    yield _wrapped(f"{key.doc}; {key.allowed}", "    ")
+    yield _wrapped(readers_in_words(readers(name)), "    read by ")
     yield ""
 
 
@@ -277,6 +321,9 @@ def _parser() -> argparse.ArgumentParser:
     laws = _verb(verbs, models)
     laws.add_argument("family", metavar="FAMILY", nargs="?", help="drag, friction, ... [all]")
 
+    listed = _verb(verbs, keys)
+    listed.add_argument("table", metavar="TABLE", nargs="?", help="a table or one key [all]")
+
     study = _verb(verbs, sweep)
     _case_options(study)
     study.add_argument(
@@ -289,6 +336,8 @@ def _parser() -> argparse.ArgumentParser:
     study.add_argument("--jobs", metavar="N", type=_positive, default=1, help="runs at once [1]")
     study.add_argument("--out", metavar="DIR", help="results directory [results/CASE-sweep]")
     study.add_argument("--overwrite", action="store_true", help="replace results that are there")
+    study.add_argument("--resume", action="store_true", help="solve the points that are missing")
+    study.add_argument("--keep", action="store_true", help="keep a results directory a point")
 
     timing = _verb(verbs, bench)
     timing.add_argument("name", metavar="NAME", nargs="?", help="one benchmark [all]")

@@ -1,52 +1,199 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Habits of DOLFINx in one place: how forms are compiled, and why their cache is hit.
+"""Compilation of UFL forms: the compiler's options, the cache, several forms side by side.
 
-UFL orders the constants of a product by the text of their running number, so "99" and "100"
-swap places and the same form gets another name and is compiled again. Numbers of equal length
-keep their order.
+FFCx writes C code in Python and then runs the C compiler. Here the C compiler of one form runs
+while FFCx writes the code of the next.
 """
 
 from __future__ import annotations
 
-import itertools
-import time
+import importlib.machinery
+import os
+import shlex
+import subprocess
+import sysconfig
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cffi
+import ffcx
+import ffcx.codegeneration.jit as ffcx_jit
+import ffcx.compiler
+import ffcx.naming
+import numpy as np
 import ufl
-from dolfinx import fem, jit
+from cffi.recompiler import recompile
+from dolfinx import default_scalar_type, fem, jit
+from ufl.algorithms.analysis import extract_constants
+from ufl.algorithms.map_integrands import map_integrand_dags
+from ufl.corealg.multifunction import MultiFunction
 
 from fem_tfm.errors import SolverError
 
-# measured on the dense section: -O1 compiles in 2/3 of the time of -O2 and runs as fast; a second
-# run that needs the same form waits for the first, which takes longer than FFCx's default of 10 s
-JIT_OPTIONS = {"cffi_extra_compile_args": ["-O1", "-march=native"], "timeout": 300}
+# measured on the dense section: -O1 compiles in 2/3 of the time of -O2 and runs as fast; Python's
+# own flags bring -g, which takes 87 % of the C compiler's time unless -g0 follows; a second run
+# that needs the same form waits for the first, which takes longer than FFCx's default of 10 s
+JIT_OPTIONS: dict[str, Any] = {
+    "cffi_extra_compile_args": ["-O1", "-g0", "-march=native"],
+    "timeout": 300,
+}
 
-ufl.Constant._counter = itertools.count(10**9)
+
+class _Replaced(MultiFunction):
+    """Puts other constants into an expression and leaves derivatives unevaluated."""
+
+    expr = MultiFunction.reuse_if_untouched
+
+    def __init__(self, others: dict[ufl.Constant, ufl.Constant]) -> None:
+        super().__init__()
+        self._others = others
+
+    def constant(self, o: ufl.Constant) -> ufl.Constant:
+        return self._others[o]
 
 
-def compile_form(form: Any) -> fem.Form:
-    """Compile a UFL form, or take it from the cache.
+def renumbered(form: Any) -> Any:
+    """The same form, or expression, on constants whose numbers all have the same length.
+
+    UFL orders the factors of a product by their texts, and the text of a constant holds its running
+    number: "99" stands behind "100". The order, and with it the name under which the form is
+    cached, would depend on how many constants were made before. Here the k-th of n constants gets
+    the number 10^m + k, 10^m > n. The order of the constants stays; the constants of the given form
+    and UFL's counter are not touched, and a value that is set later reaches both forms.
+    """
+    constants = extract_constants(form)
+    first = 10 ** len(str(len(constants)))
+    others = {}
+    for number, constant in enumerate(constants, first):
+        other = ufl.Constant(constant.ufl_domain(), constant.ufl_shape, count=number)
+        other._cpp_object = constant._cpp_object  # DOLFINx finds the value here
+        others[constant] = other
+    return map_integrand_dags(_Replaced(others), form)
+
+
+def compile_forms(forms: Sequence[Any]) -> list[fem.Form]:
+    """Compile UFL forms side by side, or take them from the cache.
+
+    Collective on the communicator of the forms' mesh: its rank 0 compiles, the others load. The
+    code of forms of high rank is written first, since their C code takes longest.
+
+    Returns the compiled forms in the order given.
 
     Raises
     ------
     SolverError
         another run has been compiling the same form for too long, or was killed while it did.
     """
-    began = time.time()
+    forms = [renumbered(form) for form in forms]
+    if forms and forms[0].ufl_domain().ufl_cargo().comm.rank == 0:
+        _fill_cache(sorted(forms, key=lambda form: -len(form.arguments())))
     try:
-        return fem.form(form, jit_options=JIT_OPTIONS)
+        return [fem.form(form, jit_options=JIT_OPTIONS) for form in forms]
     except TimeoutError as error:
         raise SolverError(f"a form could not be compiled: {error}") from error
-    except KeyboardInterrupt:
-        _remove_unfinished(began)
+
+
+def compile_form(form: Any) -> fem.Form:
+    """Compile a UFL form, or take it from the cache; see `compile_forms`."""
+    return compile_forms([form])[0]
+
+
+def compile_expression(expression: Any, points: np.ndarray) -> fem.Expression:
+    """Compile a UFL expression at points of the reference cell, or take it from the cache."""
+    return fem.Expression(renumbered(ufl.as_ufl(expression)), points, jit_options=JIT_OPTIONS)
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A C compiler at work.
+
+    source : C file in the cache; FFCx takes its presence as a claim, and source + ".cached" as the
+        sign that the library is complete
+    """
+
+    source: Path
+    compiler: subprocess.Popen[bytes]
+
+    def finish(self) -> None:
+        """Wait for the library and announce it; withdraw the claim if there is none."""
+        if self.compiler.wait() == 0:
+            self.source.with_suffix(".c.cached").touch()
+        else:
+            self.source.unlink(missing_ok=True)
+
+    def cancel(self) -> None:
+        """Stop the compiler and withdraw the claim, for which another run would wait in vain."""
+        self.compiler.kill()
+        self.compiler.wait()
+        self.source.unlink(missing_ok=True)
+
+
+def _fill_cache(forms: Sequence[Any]) -> None:
+    """Compile what the cache lacks. What fails here is left to `fem.form`, which tells why."""
+    jobs: list[_Job] = []
+    try:
+        for form in forms:
+            job = _started(form)
+            if job is not None:
+                jobs.append(job)
+        while jobs:
+            jobs[0].finish()
+            jobs.pop(0)
+    finally:
+        for job in jobs:
+            job.cancel()
+
+
+def _started(form: Any) -> _Job | None:
+    """Write the C code of a form and start its compiler; None if the cache has it already."""
+    options = ffcx.get_options({"scalar_type": default_scalar_type})
+    settings = jit.get_options(JIT_OPTIONS)
+    arguments = settings["cffi_extra_compile_args"]
+    tag = ffcx_jit._compute_option_signature(options)
+    tag += ffcx_jit._compilation_signature(arguments, settings["cffi_debug"])
+    module = "libffcx_forms_" + ffcx.naming.compute_signature([form], tag)
+    source = settings["cache_dir"] / f"{module}.c"
+    source.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        source.touch(exist_ok=False)
+    except FileExistsError:
+        return None
+    try:
+        code, _ = ffcx.compiler.compile_ufl_objects([form], namespace=module, options=options)
+        _write(source, module, ffcx.naming.form_name(form, 0, module), code[1])
+        return _Job(source, _compiler(source, arguments))
+    except Exception:
+        source.unlink(missing_ok=True)
+        return None
+    except BaseException:
+        source.unlink(missing_ok=True)
         raise
 
 
-def _remove_unfinished(began: float) -> None:
-    """Delete what an interrupted compilation leaves, for which the next run would wait in vain."""
-    cache = Path(jit.get_options()["cache_dir"])
-    for source in cache.glob("*.c"):
-        done = source.with_suffix(".c.cached").exists()
-        if not done and source.stat().st_mtime >= began - 1:
-            source.unlink(missing_ok=True)
+def _write(source: Path, module: str, name: str, code: str) -> None:
+    """Write the C source of the Python module that holds one compiled form."""
+    builder = cffi.FFI()
+    scalar = np.dtype(default_scalar_type).name
+    builder.cdef(
+        ffcx_jit.UFC_HEADER_DECL.format(scalar)
+        + ffcx_jit.UFC_INTEGRAL_DECL
+        + ffcx_jit.UFC_FORM_DECL
+        + f"extern ufcx_form {name};\n"
+    )
+    how = {"call_c_compiler": False, "uses_ffiplatform": False, "compiler_verbose": 0}
+    recompile(builder, module, code, c_file=str(source), **how)
+
+
+def _compiler(source: Path, arguments: Sequence[str]) -> subprocess.Popen[bytes]:
+    """Start the compiler of Python's own extensions on a source of the cache."""
+    link, flags, shared = (
+        shlex.split(os.environ.get(name) or sysconfig.get_config_var(name) or "")
+        for name in ("LDSHARED", "CFLAGS", "CCSHARED")
+    )
+    folders = (sysconfig.get_path("include"), ffcx.codegeneration.get_include_path())
+    library = source.with_name(source.stem + importlib.machinery.EXTENSION_SUFFIXES[0])
+    command = [*link, *flags, *shared, "-std=c17", *(f"-I{folder}" for folder in folders)]
+    command += [*arguments, str(source), "-o", str(library), "-lm"]
+    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)

@@ -71,7 +71,7 @@ class Gas(Parameters):
     """
 
     density: float = parameter(MISSING, "kg/m3", "density", gt=0, le=2000)
-    viscosity: float = parameter(MISSING, "Pa s", "dynamic viscosity", gt=0, le=1)
+    viscosity: float = parameter(MISSING, "Pa s", "dynamic viscosity, default that of the species", gt=0, le=1)
     pressure: float | None = parameter(
         None, "Pa", "absolute pressure of an ideal gas", gt=0, le=1e9
     )

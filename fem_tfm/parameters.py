@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import inspect
 import math
 import numbers
 import types
@@ -121,15 +122,20 @@ def checked(cls: type[Parameters], field: dataclasses.Field[Any], value: Any) ->
     kind = kind_of(cls, field)
     try:
         fitted = _fitted(kind, value)
-    except _Misfit:
-        raise InputError(key, value, allowed(cls, field), nearest(value, choices(kind))) from None
+    except _Misfit as misfit:
+        where, found = key + misfit.place, misfit.value
+        raise InputError(where, found, allowed(cls, field), nearest(found, choices(kind))) from None
     if isinstance(fitted, float | int) and not _inside(fitted, field.metadata.get("limits", {})):
         raise InputError(key, value, allowed(cls, field))
     return fitted
 
 
 class _Misfit(Exception):
-    """A value is not of the kind asked for."""
+    """A value is not of the kind asked for; place is that of an entry in a list, "[2]"."""
+
+    def __init__(self, value: Any, place: str = "") -> None:
+        super().__init__(value, place)
+        self.value, self.place = value, place
 
 
 def _fitted(kind: Any, value: Any) -> Any:
@@ -152,7 +158,7 @@ def _fitted(kind: Any, value: Any) -> Any:
             return int(value)
     elif kind is Any or isinstance(value, origin or kind):
         return value
-    raise _Misfit
+    raise _Misfit(value)
 
 
 def _first_fit(kinds: Iterable[Any], value: Any) -> Any:
@@ -161,17 +167,25 @@ def _first_fit(kinds: Iterable[Any], value: Any) -> Any:
             return _fitted(kind, value)
         except _Misfit:
             continue
-    raise _Misfit
+    raise _Misfit(value)
 
 
 def _fitted_tuple(inner: tuple[Any, ...], value: Any) -> tuple[Any, ...]:
     if not isinstance(value, list | tuple):
-        raise _Misfit
+        raise _Misfit(value)
     if len(inner) == 2 and inner[1] is Ellipsis:
-        return tuple(_fitted(inner[0], entry) for entry in value)
+        inner = (inner[0],) * len(value)
     if len(value) != len(inner):
-        raise _Misfit
-    return tuple(_fitted(kind, entry) for kind, entry in zip(inner, value, strict=True))
+        raise _Misfit(value)
+    return tuple(_entry(kind, value[n], n) for n, kind in enumerate(inner))
+
+
+def _entry(kind: Any, value: Any, number: int) -> Any:
+    """An entry of a list as the kind has it; raises _Misfit with its place."""
+    try:
+        return _fitted(kind, value)
+    except _Misfit as misfit:
+        raise _Misfit(misfit.value, f"[{number}]{misfit.place}") from None
 
 
 def _inside(value: float, limits: Mapping[str, float]) -> bool:
@@ -223,14 +237,24 @@ def _kind_in_words(kind: Any) -> str:
     names, several = choices(kind), _holds(kind, tuple)
     if names:
         return ("a list of names out of " if several else "one of ") + ", ".join(names)
+    named = [f"a {name}" for c in (kind, *get_args(kind)) for name in _class_names(c)]
+    if several and named:
+        return f"a list, each {' or '.join(named)}"
     if several:
         numbers_listed = _holds(kind, float)
         return "a list of numbers, or of lists of them" if numbers_listed else "a list of texts"
     found = next((text for base, text in KINDS.items() if _holds(kind, base)), None)
     if found is not None:
         return found
-    classes = [c for c in (kind, *get_args(kind)) if isinstance(c, type) and c is not type(None)]
-    return "a table" if any(issubclass(c, Parameters) for c in classes) else "a value"
+    return " or ".join(named) or "a value"
+
+
+def _class_names(cls: Any) -> list[str]:
+    """Names of a class of objects that a user states and of its subclasses; abstract ones fall out."""
+    if not (isinstance(cls, type) and issubclass(cls, Parameters)):
+        return []
+    own = [] if inspect.isabstract(cls) else [cls.__name__]
+    return own + [name for inner in cls.__subclasses__() for name in _class_names(inner)]
 
 
 def _holds(kind: Any, base: type) -> bool:

@@ -7,19 +7,25 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import meshio
 import pytest
+import tomli_w
 from mpi4py import MPI
 
 import fem_tfm
-import fem_tfm.flows
-from fem_tfm.case import Case
 from fem_tfm.cli import main, parse_variation
 from fem_tfm.closures import catalogue, families, names
 from fem_tfm.errors import InputError, SolverError
+from fem_tfm.scenes.developed import Developed
+from fem_tfm.scenes.kinds import known_keys
+from fem_tfm.scenes.recorder import Setting
+from fem_tfm.scenes.scene import Scene
+from fem_tfm.study import sweep as study
 
 RANK = MPI.COMM_WORLD.rank
 
@@ -29,31 +35,31 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, dense: dict[str, Any])
     """An empty working directory with one good case, "good.toml"."""
     monkeypatch.chdir(tmp_path)
     if RANK == 0:
-        Path("good.toml").write_text(Case.from_dict(dense).dump())
+        Path("good.toml").write_text(tomli_w.dumps(dense))
     MPI.COMM_WORLD.barrier()
     return tmp_path
 
 
 class Solver:
-    """Stands in for the solver: remembers its arguments and answers or fails as told."""
+    """Stands in for a scene's work: remembers its arguments and answers or fails as told."""
 
     def __init__(self, error: BaseException | None = None) -> None:
         self.error = error
         self.calls: list[tuple[Any, ...]] = []
 
-    def __call__(self, case: Case, out: Path, **options: Any) -> str:
-        self.calls.append((case, out, options))
-        options["progress"].stage("solving")
+    def __call__(self, scene: Scene, setting: Setting, **options: Any) -> tuple[Any, Any]:
+        self.calls.append((scene, setting, options))
+        setting.progress.stage("solving")
         if self.error:
             raise self.error
-        return "answer"
+        return "result", SimpleNamespace(close=lambda: None)
 
 
 @pytest.fixture
 def solver(monkeypatch: pytest.MonkeyPatch) -> Solver:
     """The solver that `run` meets."""
     stand_in = Solver()
-    monkeypatch.setattr(fem_tfm.flows, "run", stand_in)
+    monkeypatch.setattr(Scene, "carry_out", lambda *given, **more: stand_in(*given, **more))
     return stand_in
 
 
@@ -87,27 +93,10 @@ def test_bad_input_ends_with_status_2(here: Path, root: Path) -> None:
     assert [p.name for p in here.iterdir()] == ["good.toml"]
 
 
-INTERRUPTED = """
-import sys, time
-import fem_tfm.flows
-from fem_tfm.cli import main
-
-def run(case, out, **options):
-    import dolfinx.fem.petsc
-    from petsc4py import PETSc
-    PETSc.Vec().create()
-    print("ready", flush=True)
-    time.sleep(60)
-
-fem_tfm.flows.run = run
-sys.exit(main(["run", "good.toml", "--quiet"]))
-"""
-
-
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_interruption_ends_with_status_130(here: Path, root: Path, number: int) -> None:
     with subprocess.Popen(
-        [sys.executable, "-c", INTERRUPTED],
+        [sys.executable, "-m", "fem_tfm", "run", "good.toml", "--quiet"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -115,16 +104,21 @@ def test_interruption_ends_with_status_130(here: Path, root: Path, number: int) 
         # a test run that was started in the background ignores SIGINT and hands that on
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     ) as process:
-        assert process.stdout.readline() == "ready\n"
+        log = here / "results" / "good" / "run.log"
+        while process.poll() is None and not (log.exists() and log.read_text()):
+            time.sleep(0.05)
         process.send_signal(number)
-        _, errors = process.communicate(timeout=30)
+        _, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (130, "fem-tfm: interrupted\n")
+    assert '"interrupted"' in (here / "results" / "good" / "result.json").read_text()
 
 
-def test_output_that_nobody_reads_is_no_error(root: Path) -> None:
-    command = f"{sys.executable} -m fem_tfm models | head -n 1"
+@pytest.mark.parametrize("verb", ["models", "keys"])
+def test_output_that_nobody_reads_is_no_error(root: Path, verb: str) -> None:
+    command = f"{sys.executable} -m fem_tfm {verb} | head -n 1"
     done = subprocess.run(command, shell=True, capture_output=True, text=True, cwd=root)
-    assert (done.stdout, done.stderr) == (f"[{families()[0]}]\n", "")
+    assert done.stdout
+    assert done.stderr == ""
 
 
 # --- run ------------------------------------------------------------------------------------------
@@ -133,15 +127,15 @@ def test_output_that_nobody_reads_is_no_error(root: Path) -> None:
 def test_run_passes_everything_on(here: Path, solver: Solver) -> None:
     given = ["run", "good.toml", "--set", "solids.diameter=2e-4", "--set", "closures.drag=wen-yu"]
     assert main([*given, "--out", "there", "--overwrite", "--quiet"]) == 0
-    case, out, options = solver.calls[0]
-    assert (case.solids.diameter, case.closures.drag.name) == (2e-4, "wen-yu")
-    assert out == Path("there")
-    assert (options["overwrite"], options["resume"]) == (True, False)
+    scene, setting, options = solver.calls[0]
+    assert (scene.model.solids.diameter, scene.model.drag.name) == (2e-4, "wen-yu")
+    assert (setting.out, setting.resume) == (Path("there"), False)
+    assert options == {"overwrite": True}
 
 
 def test_results_go_to_a_directory_named_after_the_case(here: Path, solver: Solver) -> None:
     assert main(["run", "good.toml", "--quiet"]) == 0
-    assert solver.calls[0][1] == Path("results/good")
+    assert solver.calls[0][1].out == Path("results/good")
 
 
 def test_quiet_is_quiet(here: Path, solver: Solver, capsys: pytest.CaptureFixture[str]) -> None:
@@ -199,6 +193,11 @@ BAD = [
     (["sweep", "good.toml", "--vary", "solids.diamter=1e-4,2e-4"], "'solids.diameter'"),
     (["sweep", "good.toml", "--vary", "solids.diameter=1e-4,-1"], "above 0"),
     (["sweep", "good.toml", "--vary", "solids.diameter=1e-4", "--jobs", "0"], "at least 1"),
+    (["sweep", "good.toml", "--vary", "numerics.level=1", "--resume"], "a run to resume"),
+    (["sweep", "good.toml", "--vary", "numerics.level=1,2", "--vary", "numerics.level=3"], "once"),
+    (["sweep", "good.toml", "--vary", "numerics.level=1,2", "--set", "numerics.level=3"], "--vary"),
+    (["run", "good.toml", "--set", "title=a", "--set", "title=b"], "each key once"),
+    (["keys", "numeric"], "did you mean 'numerics'?"),
 ]
 
 
@@ -232,7 +231,7 @@ def test_a_sweep_is_checked_as_a_whole(here: Path, capsys: pytest.CaptureFixture
 def test_help_names_every_verb(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
     out, _ = capsys.readouterr()
-    verbs = ("run", "check", "mesh", "models", "sweep", "bench")
+    verbs = ("run", "check", "mesh", "models", "keys", "sweep", "bench")
     assert all((f"\n    {verb} " in out) == (RANK == 0) for verb in verbs)
 
 
@@ -247,7 +246,7 @@ def test_mesh_writes_the_section_or_the_line(here: Path) -> None:
     assert (len(cells[0]["triangle6"]), len(cells[1]["hexahedron"])) == (80, 2 * 40)
 
 
-@pytest.mark.parametrize("verb", ["run", "check", "mesh", "models", "sweep", "bench"])
+@pytest.mark.parametrize("verb", ["run", "check", "mesh", "models", "keys", "sweep", "bench"])
 def test_every_verb_has_help(capsys: pytest.CaptureFixture[str], verb: str) -> None:
     assert main([verb, "--help"]) == 0
     assert f"usage: fem-tfm {verb}" in capsys.readouterr().out
@@ -273,6 +272,56 @@ def test_models_of_a_family_show_formula_source_and_parameters(
     assert "[radial]" not in out
 
 
+def test_keys_lists_every_key_with_unit_and_default(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["keys"]) == 0
+    entries = capsys.readouterr().out.strip().split("\n\n")
+    told = {entry.split()[0].rstrip(","): entry for entry in entries}
+    assert set(told) == {*known_keys(), "flow", "solution", "geometry.shape"}
+    for name, key in known_keys().items():
+        text = " ".join(told[name].split())
+        assert key.doc in text
+        assert not key.unit or f"{name} [{key.unit}]" in text
+        assert "read by " in text
+    assert told["solids.density"].startswith("solids.density [kg/m3], must be given")
+    assert told["closures.drag"].startswith('closures.drag = "three-zone"')
+    assert told["numerics.cells"].startswith('numerics.cells = "triangle" or "quadrilateral"')
+
+
+@pytest.mark.parametrize(("asked", "number"), [("heat", 5), ("heat.wall", 1), ("flow", 1)])
+def test_keys_of_a_table_or_one(
+    capsys: pytest.CaptureFixture[str], asked: str, number: int
+) -> None:
+    assert main(["keys", asked]) == 0
+    assert capsys.readouterr().out.count("read by") == number
+
+
+def test_keys_tells_who_reads(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["keys", "output.stations"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "'dense' with solution = 'developing', or flow = 'duct' with solution = 'dev" in out
+    assert main(["keys", "numerics.level"]) == 0
+    assert "read by every scene" in capsys.readouterr().out
+
+
+def test_a_sweep_is_told_what_to_resume_and_keep(
+    here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+
+    def solve(*given: Any) -> Any:
+        calls.append(given)
+        return SimpleNamespace(failed=[])
+
+    monkeypatch.setattr(study, "run", solve)
+    vary = ["sweep", "good.toml", "--vary", "solids.diameter=1e-4,2e-4"]
+    (here / "there").mkdir()
+    (here / "there" / "sweep.csv").write_text("")
+    assert main([*vary, "--out", "there", "--resume", "--keep", "--jobs", "2"]) == 0
+    assert calls[0][1:] == ({"solids.diameter": [1e-4, 2e-4]}, Path("there"), 2, True, True)
+    assert main([*vary, "--out", "new"]) == 0
+    assert calls[1][1:] == ({"solids.diameter": [1e-4, 2e-4]}, Path("new"), 1, False, False)
+
+
 def test_check_prints_what_the_flow_describes(
     here: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -283,7 +332,7 @@ def test_check_prints_what_the_flow_describes(
         "closures": {"drag": "wen-yu"},
         "warnings": [],
     }
-    monkeypatch.setattr(fem_tfm.flows, "describe", lambda case: answer, raising=False)
+    monkeypatch.setattr(Developed, "describe", lambda scene: answer)
     assert main(["check", "good.toml"]) == 0
     lines = [" ".join(line.split()) for line in capsys.readouterr().out.splitlines()]
     assert lines == [

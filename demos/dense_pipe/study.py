@@ -27,20 +27,22 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from study_findings import CASES, EXPERIMENT, FRICTIONS, Finding, developed, findings
 
-from fem_tfm import sweep
-from fem_tfm.bench.error import PUBLISHED
-from fem_tfm.case import QUANTITIES, Case, results_directory
+from fem_tfm.bench.error import PUBLISHED, measure
+from fem_tfm.case import Case
 from fem_tfm.closures import make
 from fem_tfm.errors import FemTfmError, SolverError
-from fem_tfm.flows import dense, developing
-from fem_tfm.flows import developed as nested
-from fem_tfm.flows.section import Section
+from fem_tfm.models.two_fluid.section import TwoFluidSection
 from fem_tfm.output.fields import snapshot
 from fem_tfm.output.files import on_root, replaced, write_text
 from fem_tfm.output.pictures import SectionView, vertical_profile
 from fem_tfm.output.report import document, image, items, section, table
+from fem_tfm.output.result import QUANTITIES
 from fem_tfm.output.summary import difference, number
-from fem_tfm.sensitivity import Sensitivity, sensitivities
+from fem_tfm.scenes.developing import LineRecorder
+from fem_tfm.scenes.recorder import Setting, results_directory
+from fem_tfm.scenes.scene import Answer
+from fem_tfm.study.sensitivity import Sensitivity, sensitivities
+from fem_tfm.study.sweep import Plan, Point, solve
 
 CASE = Path(__file__).with_name("study.toml")
 COMM = MPI.COMM_WORLD
@@ -115,10 +117,10 @@ ALTERNATIVES: dict[str, dict[str, Any]] = {
 
 
 @dataclass
-class Answer:
+class Run:
     """A point of the sweep with what is drawn of it; view, fields and profile are on rank 0."""
 
-    point: sweep.Point
+    point: Point
     view: SectionView | None = None
     fields: dict[str, NDArray[np.float64]] = field(default_factory=dict)
     profile: dict[str, NDArray[np.float64]] = field(default_factory=dict)
@@ -154,10 +156,10 @@ class Study:
     """All that was solved."""
 
     case: Case
-    answers: dict[tuple[str, str, int], Answer] = field(default_factory=dict)
+    answers: dict[tuple[str, str, int], Run] = field(default_factory=dict)
     meshes: list[Mesh] = field(default_factory=list)
     sensitivities: list[Sensitivity] = field(default_factory=list)
-    alternatives: dict[str, list[sweep.Point]] = field(default_factory=dict)
+    alternatives: dict[str, list[Point]] = field(default_factory=dict)
     line: Line = field(default_factory=Line)
 
     def solved(self, feed: str) -> dict[tuple[str, int], dict[str, float]]:
@@ -203,37 +205,29 @@ def solve_rows(
     """Solve all cases with the laws of friction; a run that fails is kept as failed."""
     for law in laws:
         names = [(feed, law, k) for feed, k in route(law, cases)]
-        points = [sweep.Point(i, values(k, feed, law)) for i, (feed, _, k) in enumerate(names)]
-        study.answers |= {n: Answer(p) for n, p in zip(names, points, strict=True)}
+        points = [Point(i, values(k, feed, law)) for i, (feed, _, k) in enumerate(names)]
+        study.answers |= {n: Run(p) for n, p in zip(names, points, strict=True)}
 
-        def read(case: Case, point: sweep.Point, solution: nested.Solution, names: Any = names):
+        def read(case: Case, point: Point, answer: Answer, names: Any = names) -> None:
             name = names[point.number]
-            look(study.answers[name], solution.section)
+            look(study.answers[name], answer.state.solution.section)
             if name == (MASS, BEST, TYPICAL):
-                known = [key for key in PARAMETERS if _has(case, key)]
-                study.sensitivities = sensitivities(case, solution.section, known)
+                known = [key for key in PARAMETERS if isinstance(case[key], float)]
+                study.sensitivities = sensitivities(case, answer, known)
 
-        for point in sweep.solve(study.case, points, read):
+        for point in solve(Plan(study.case), points, read):
             feed, _, k = names[point.number]
             drop = point.quantities.get("pressure_drop")
             ended = point.reason if drop is None else f"{drop / 1e3:.3f} kPa, {point.start}"
             tell(f"{law}, {feed}, case {k}: {ended}, {point.cpu_seconds:.1f} CPU s")
 
 
-def _has(case: Case, key: str) -> bool:
-    table, _, name = key.rpartition(".")
-    found: Any = case.model_dump()
-    for part in table.split("."):
-        found = found[part]
-    return isinstance(found.get(name), float)
-
-
-def look(answer: Answer, solved: Section) -> None:
-    """Add to an answer its fields, its profile and the numbers read off them (collective)."""
+def look(answer: Run, solved: TwoFluidSection) -> None:
+    """Add to a run its fields, its profile and the numbers read off them (collective)."""
     functions = {**solved.fields(), **solved.friction()}
     functions["Theta"] = functions.pop("theta")
     moment = snapshot(solved.mesh.mesh, functions)
-    limit = solved.setup.solids.friction_limit
+    limit = solved.setup.model.solids.friction_limit
     if COMM.rank == 0:
         kind, symmetry = moment.kind, solved.mesh.section.symmetry
         answer.view = SectionView.of_cells(moment.points, moment.cells, kind, symmetry)
@@ -280,15 +274,13 @@ def solve_meshes(study: Study, levels: Iterable[int]) -> None:
     """Solve the typical case on several meshes, each from a cold start on the coarsest."""
     base = study.case.with_values(values(TYPICAL, MASS, BEST))
     for level in levels:
-        case = base.with_values({"numerics.level": level})
-        limits = case.numerics.tolerance, case.numerics.max_steps
         try:
-            found = nested.solve(dense.meshes(case), dense.setup_of(case), *limits, nested.QUIET)
+            found = measure(base, "triangle", level)
         except SolverError:
             continue
-        drop = dense.pressure_gradient(found.section) * case.geometry.length
-        cpu = COMM.allreduce(sum(one.cpu_seconds for one in found.levels))
-        study.meshes.append(Mesh(level, found.section.mesh.num_cells, drop, cpu))
+        drop = found.gradient * base["geometry.length"]
+        cpu = COMM.allreduce(found.cpu_seconds)
+        study.meshes.append(Mesh(level, found.number, drop, cpu))
 
 
 def solve_alternatives(
@@ -300,49 +292,48 @@ def solve_alternatives(
     """Solve all cases with other closures, one change at a time."""
     base = study.case.with_values({"closures.friction": BEST, "numerics.level": level})
     for name in chosen:
-        points = [sweep.Point(k, values(k, MASS) | ALTERNATIVES[name]) for k in reversed(CASES)]
-        solved = sorted(sweep.solve(base, points), key=lambda p: p.number)
+        points = [Point(k, values(k, MASS) | ALTERNATIVES[name]) for k in reversed(CASES)]
+        solved = sorted(solve(Plan(base), points), key=lambda p: p.number)
         study.alternatives[name] = solved
         tell(", ".join(alternative_rows(study)[-1]))
 
 
-class _Stations(developing.Observer):
+class Stations(LineRecorder):
     """Keeps the profiles of the stations next to those that figure 4 shows."""
 
-    def __init__(self, width: float) -> None:
-        self.width = width
-        self.profiles: dict[float, dict[str, NDArray[np.float64]]] = {}
+    profiles: dict[float, dict[str, NDArray[np.float64]]]
 
-    def station(self, line: developing.Line, stop: Any) -> None:
+    def station(self, line: Any, stop: Any) -> None:
         """Keep the station if it is the first one at or beyond a place of the figure."""
-        z = line.place.z / self.width
+        super().station(line, stop)
+        z = line.place.z / self.scene.geometry.hydraulic_diameter
         if sum(z >= s for s in STATIONS) <= len(self.profiles):
             return
-        answer = Answer(sweep.Point(0, {}))
         fields = {n: f for n, f in line.station.fields().items() if n in ("u_g", "u_s", "alpha_s")}
-        moment = snapshot(line.station.mesh.mesh, fields)
+        mesh, self.profiles[z] = line.station.mesh, {}
+        moment = snapshot(mesh.mesh, fields)
         if COMM.rank == 0:
-            symmetry = line.station.mesh.section.symmetry
+            symmetry = mesh.section.symmetry
             view = SectionView.of_cells(moment.points, moment.cells, moment.kind, symmetry)
-            answer.profile = vertical_profile(view, moment.nodal)
-        self.profiles[z] = answer.profile
+            self.profiles[z] = vertical_profile(view, moment.nodal)
 
 
 def solve_line(study: Study, level: int) -> None:
     """March the typical case from its inlet to its outlet."""
     changes = values(TYPICAL, VOLUME, BEST) | {"solution": "developing", "numerics.level": level}
-    case, cpu = study.case.with_values(changes), time.process_time()
-    width = case.geometry.hydraulic_diameter
-    stations, line = _Stations(width), Line()
+    case, cpu, line = study.case.with_values(changes), time.process_time(), Line()
+    stations = Stations(case.scene, Setting())
+    stations.profiles = line.profiles
     try:
-        found = developing.solve(case, stations)
-        line.lengths = settled(found.rows, width)
-        line.gradient = found.rows[-1]["pressure_gradient"]
+        answer = case.scene.solve(stations)
+        rows = answer.state.line.rows
+        line.lengths = settled(rows, case.scene.geometry.hydraulic_diameter)
+        line.gradient = rows[-1]["pressure_gradient"]
+        answer.close()
     except SolverError as error:
         line.reason = str(error)
-    line.profiles = stations.profiles
     line.cpu_seconds = COMM.allreduce(time.process_time() - cpu)
-    for point in sweep.solve(case.with_values({"solution": "developed"}), [sweep.Point(0, {})]):
+    for point in solve(Plan(case.with_values({"solution": "developed"})), [Point(0, {})]):
         line.section = point.quantities.get("pressure_gradient", line.section)
     study.line = line
 
@@ -443,7 +434,7 @@ def alternative_rows(study: Study) -> list[list[str]]:
 
 def curves(case: Case) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
     """Figure 7: frictional pressure of each law [Pa] over the solids fraction, without strain."""
-    solids, alpha = case.solids_material, np.linspace(0.40, 0.52, 121)
+    solids, alpha = case.scene.model.solids, np.linspace(0.40, 0.52, 121)
     rest = np.zeros_like(alpha)
     stress = {
         law: make("friction", law).stress(alpha, rest, rest, rest, solids) for law in FRICTIONS
@@ -575,7 +566,7 @@ def cost(study: Study) -> list[str]:
 
 def report(study: Study, drawn: Mapping[str, tuple[str, bytes]]) -> str:
     """The page: pressure drops, findings, figures, tables, sensitivity and cost."""
-    parts = [f"<h1>{study.case.title}</h1>"]
+    parts = [f"<h1>{study.case.scene.title}</h1>"]
     parts += section("Pressure drop [kPa]", table(figure_3_head(), figure_3_rows(study)))
     for feed, found in all_findings(study).items():
         rows = [[f.statement, f.verdict, f.figure.replace("_", " "), f.evidence] for f in found]
@@ -596,9 +587,9 @@ def report(study: Study, drawn: Mapping[str, tuple[str, bytes]]) -> str:
     head = f"Choices that the paper leaves open, one level coarser, {BEST}, feed {MASS}"
     parts += section(head, table(ALTERNATIVE_HEAD, rows) if rows else [])
     parts += section("Cost", items(cost(study)))
-    parts += section("Inputs that the source does not print", items(study.case.inferred))
+    parts += section("Inputs that the source does not print", items(study.case.scene.inferred))
     parts += section("Parameter set", [f"<pre>{study.case.dump()}</pre>"])
-    return document(study.case.title, parts)
+    return document(study.case.scene.title, parts)
 
 
 def texts(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
@@ -638,7 +629,7 @@ def run(out: Path, level: int | None = None, changes: Iterable[str] = ()) -> Stu
     base = Case.load(CASE, changes)
     if level is not None:
         base = base.with_values({"numerics.level": level})
-    study, level = Study(base), base.numerics.level
+    study, level = Study(base), base["numerics.level"]
     solve_rows(study, tell=say)
     solve_meshes(study, range(1, level + 3))
     say(f"meshes: {', '.join(f'{m.drop / 1e3:.3f}' for m in study.meshes)} kPa")

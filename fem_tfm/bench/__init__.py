@@ -1,41 +1,46 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Benchmarks: how many random cases converge, and run time against error.
 
-Each is a module with `run() -> str`, which prints as it goes and returns its summary. A new one is
-one line in `BENCHMARKS`.
+Each is a module with `run(out) -> str`, which prints as it goes, writes its pictures to `out` and
+returns its summary. A new one is one line in `BENCHMARKS`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 from fem_tfm.bench import duct, error, stress, unsteady, unsteady_error
 from fem_tfm.errors import InputError, nearest
 
-BENCHMARKS: dict[str, Callable[[], str]] = {
+BENCHMARKS: dict[str, Callable[[Path], str]] = {
     "error": error.run,
     "duct": duct.run,
-    "stress": stress.run,
-    "stress-quick": stress.run_quick,
-    "stress-turbulence": stress.run_turbulent,
-    "unsteady": unsteady.run,
+    "stress": lambda out: stress.run(),
+    "stress-quick": lambda out: stress.run_quick(),
+    "stress-turbulence": lambda out: stress.run_turbulent(),
+    "unsteady": lambda out: unsteady.run(),
     "unsteady-error": unsteady_error.run,
-    "unsteady-error-log-law": lambda: unsteady_error.run("log-law"),
-    "unsteady-large": unsteady.run_large,
+    "unsteady-error-log-law": lambda out: unsteady_error.run(out, "log-law"),
+    "unsteady-large": lambda out: unsteady.run_large(),
 }
 # what `fem-tfm bench` runs without a name
 ALL = ("error", "duct", "stress")
+# where pictures go by default, below the current directory
+RESULTS = Path("results") / "bench"
 
 
-def run(name: str | None = None) -> str:
+def run(name: str | None = None, out: str | Path = RESULTS) -> str:
     """Run one benchmark, or error, duct and stress in turn; return their summaries.
+
+    out : directory of the pictures
 
     Raises
     ------
     InputError
-        there is no benchmark of that name
+        there is no benchmark of that name, or no demo to measure
     """
     if name is not None and name not in BENCHMARKS:
         allowed = "one of " + ", ".join(BENCHMARKS)
         raise InputError("benchmark", name, allowed, nearest(name, BENCHMARKS))
-    return "\n\n".join(BENCHMARKS[one]() for one in ([name] if name else ALL))
+    return "\n\n".join(BENCHMARKS[one](Path(out)) for one in ([name] if name else ALL))

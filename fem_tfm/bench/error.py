@@ -11,29 +11,19 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
-from fem_tfm.bench.stress import Effort
+from fem_tfm.bench.demo import demo
 from fem_tfm.case import Case
-from fem_tfm.flows import dense, developed
 from fem_tfm.output.files import on_root, replaced
 
-# case 3 of Ding et al. (2024), as demos/dense_pipe/case3.toml has it
-DEMO: dict[str, Any] = {
-    "title": "dense pipe, case 3 of Ding et al. (2024)",
-    "geometry": {"diameter": 0.010, "length": 2.4},
-    "gas": {"density": 33.5, "viscosity": 1.8e-5},
-    "solids": {"density": 1700.0, "diameter": 1.6e-4},
-    "operation": {"gas_superficial_velocity": 6.43, "solids_fraction": 0.245},
-}
+DEMO = "dense_pipe/algebraic.toml"
 CELLS = ("triangle", "quadrilateral")
 LEVELS, REFERENCE_LEVEL = (1, 2, 3, 4, 5, 6), 8
-PICTURE = Path("results") / "bench" / "error.png"
 # table 5 of the paper: cells of the pipe and pressure drop [kPa]; the last one is its reference
 PUBLISHED = {
     "A": (216_000, 3.77),
@@ -62,27 +52,29 @@ class Measure:
     factorisations: int
 
 
-def measure(cells: str, level: int) -> Measure:
-    """Solve the demo on one mesh level with one shape of cells.
+def measure(case: Case, cells: str, level: int) -> Measure:
+    """Solve a developed section on one mesh level with one shape of cells.
 
     Raises
     ------
     SolverError
         there is no steady state on that mesh.
     """
-    case = Case.from_dict({**DEMO, "numerics": {"level": level, "cells": cells}})
-    limits, effort = (case.numerics.tolerance, case.numerics.max_steps), Effort()
-    solution = developed.solve(dense.meshes(case), dense.setup_of(case), *limits, effort)
-    section = solution.section
-    return Measure(
+    scene = case.with_values({"numerics.level": level, "numerics.cells": cells}).scene
+    recorder = scene.recorder()
+    answer = scene.solve(recorder)
+    levels = answer.state.solution.levels
+    measured = Measure(
         cells,
         level,
-        section.mesh.num_cells,
-        section.dofs,
-        dense.pressure_gradient(section),
-        sum(one.cpu_seconds for one in solution.levels),
-        effort.factorisations,
+        recorder.section.mesh.num_cells,
+        recorder.section.dofs,
+        answer.quantities["pressure_gradient"],
+        sum(one.cpu_seconds for one in levels),
+        answer.factorisations,
     )
+    answer.close()
+    return measured
 
 
 def table(measures: Sequence[Measure], reference: float) -> Iterator[str]:
@@ -150,33 +142,38 @@ def picture(
         figure.savefig(temporary, dpi=150, format="png")
 
 
-def run(
-    levels: Sequence[int] = LEVELS,
-    reference_level: int = REFERENCE_LEVEL,
-    shapes: Sequence[str] = CELLS,
-    path: Path = PICTURE,
-    solve: Callable[[str, int], Measure] = measure,
-    title: str = DEMO["title"],
-    published: Mapping[str, tuple[int, float]] = PUBLISHED,
+def run(out: Path) -> str:
+    """Measure the dense demo on every mesh, write the picture and return the table."""
+    case = demo(DEMO, {})
+    return measured(case, LEVELS, REFERENCE_LEVEL, CELLS, out / "error.png", PUBLISHED)
+
+
+def measured(
+    case: Case,
+    levels: Sequence[int],
+    reference_level: int,
+    shapes: Sequence[str],
+    path: Path,
+    published: Mapping[str, tuple[int, float]] | None = None,
 ) -> str:
     """Measure every mesh, print a line for each, write the picture and return the table.
 
     shapes : of the cells; the reference has the first
-    solve : makes the measure of a shape and level
     published : cells and pressure drop of another author's meshes, coarse to fine
     """
-    began = time.perf_counter()
+    began, title = time.perf_counter(), case.scene.title
     for shape in shapes:
         # the forms are compiled outside the measurement
-        solve(shape, 1)
-    fine = solve(shapes[0], reference_level)
+        measure(case, shape, 1)
+    fine = measure(case, shapes[0], reference_level)
     tell(f"reference: level {reference_level}, {fine.unknowns} unknowns, {fine.gradient:.4f} Pa/m")
     found = []
     for shape in shapes:
         for level in levels:
-            found.append(solve(shape, level))
+            found.append(measure(case, shape, level))
             tell(f"{shape} level {level}: {error(found[-1], fine.gradient):.1e}")
-    on_root(MPI.COMM_WORLD, lambda: picture(path, found, fine.gradient, title, published))
+    shown = published or {}
+    on_root(MPI.COMM_WORLD, lambda: picture(path, found, fine.gradient, title, shown))
     lines = [*table(found, fine.gradient), f"picture in {path}"]
     return "\n".join([*lines, f"{time.perf_counter() - began:.0f} s in all"])
 

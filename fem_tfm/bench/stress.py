@@ -27,8 +27,7 @@ from mpi4py import MPI
 from fem_tfm.case import Case
 from fem_tfm.closures import make, names
 from fem_tfm.errors import SolverError
-from fem_tfm.flows import dense, developed
-from fem_tfm.flows.section import MeshTerms, Section
+from fem_tfm.solvers.easing import MeshTerms
 
 SEED, CASES, SETS = 2024, 200, 26
 # ranges of the numbers: low, high, and whether the logarithm is uniform
@@ -89,22 +88,6 @@ class Outcome:
     def cause(self) -> str:
         """The reason without its numbers, so that equal ones can be counted."""
         return re.sub(r"-?\d+(\.\d+)?(e[+-]?\d+)?", "#", self.reason)
-
-
-@dataclass
-class Effort(developed.Observer):
-    """Observer of a solve that counts factorisations on all meshes, failed ones too."""
-
-    sections: list[Section] = field(default_factory=list)
-
-    def begin(self, section: Section, level: int, levels: int) -> None:
-        """Keep a section, so that its factorisations can be read at the end."""
-        self.sections.append(section)
-
-    @property
-    def factorisations(self) -> int:
-        """So far."""
-        return sum(section.newton.factorisations for section in self.sections)
 
 
 def _column(
@@ -208,36 +191,28 @@ def cases(
 
 def solve(case: Case, number: int = 0) -> Outcome:
     """Solve one case on its two meshes; an answer that breaks a balance does not count."""
-    effort, began = Effort(), time.process_time()
+    recorder, began = case.scene.recorder(), time.process_time()
     gradient, error_estimate, mesh_terms, reason = math.nan, math.nan, MeshTerms(), ""
     try:
-        numerics, setup = case.numerics, dense.setup_of(case)
-        solution = developed.solve(
-            dense.meshes(case), setup, numerics.tolerance, numerics.max_steps, effort
-        )
-        dense.checked_balances(solution.section)
-        found, errors = dense.estimated(solution, case.geometry.length)
-        gradient, mesh_terms = found["pressure_gradient"], solution.section.mesh_terms
-        if errors["pressure_gradient"] is not None:
-            error_estimate = errors["pressure_gradient"]
+        answer = case.scene.solve(recorder)
+        gradient = answer.quantities["pressure_gradient"]
+        mesh_terms = recorder.section.mesh_terms
+        if answer.errors["pressure_gradient"] is not None:
+            error_estimate = answer.errors["pressure_gradient"]
+        answer.close()
     except SolverError as error:
         reason = str(error)
     except (ArithmeticError, RuntimeError, ValueError) as error:
         reason = f"not a SolverError but {type(error).__name__}: {error}"
-    cpu = time.process_time() - began
-    return Outcome(number, reason, effort.factorisations, cpu, gradient, error_estimate, mesh_terms)
+    cpu, spent = time.process_time() - began, recorder.factorisations
+    return Outcome(number, reason, spent, cpu, gradient, error_estimate, mesh_terms)
 
 
 def describe(case: Case) -> str:
     """A case in two lines."""
-    values = case.model_dump()
-    found = {}
-    for key in (*RANGES, "geometry.inclination_deg"):
-        table, _, name = key.partition(".")
-        found[key] = values[table][name]
-    laws = [f"{values[t][n]['model']}" for t, _, n in (k.partition(".") for k in FAMILIES)]
-    laws.append(case.closures.theta)
-    laws += ["friction feeds theta"] * case.closures.friction_feeds_theta
+    found = {key: case[key] for key in (*RANGES, "geometry.inclination_deg")}
+    laws = [case[f"{key}.model"] for key in FAMILIES] + [case["closures.theta"]]
+    laws += ["friction feeds theta"] * case["closures.friction_feeds_theta"]
     numbers = ", ".join(f"{key} = {value:.4g}" for key, value in found.items())
     return f"  {', '.join(laws)}\n  {numbers}"
 

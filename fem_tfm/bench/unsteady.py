@@ -14,21 +14,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from mpi4py import MPI
 
-from fem_tfm.bench import error
-from fem_tfm.case import Case
-from fem_tfm.flows.unsteady import problem_of
-from fem_tfm.mesh import PipeGeometry, extruded
+from fem_tfm.bench.demo import demo
+from fem_tfm.bench.error import tell
+from fem_tfm.geometry.mesh import extruded_mesh
+from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow
+from fem_tfm.scenes.unsteady import Unsteady
 
-DEMO = {
-    "title": "filling of the dense pipe, case 3 of Ding et al. (2024)",
-    "geometry": {"diameter": 0.01, "length": 0.1},
-    "gas": {"density": 33.5, "viscosity": 1.8e-5},
-    "solids": {"density": 1700.0, "diameter": 1.6e-4},
-    "operation": {"gas_superficial_velocity": 6.43, "solids_fraction": 0.245},
-}
-INFLOW = Inflow(6.43, 0.245, 6.09)
+DEMO, LENGTH = "dense_pipe/startup.toml", 0.1
 # level and layers of some 27, 10 and 2 thousand cells, and of 200 and 100 thousand: the largest
 # first, since only what exceeds the memory of those before shows
 MESHES, LARGE = ((3, 85), (2, 60), (1, 25)), ((3, 625), (3, 313))
@@ -56,15 +51,24 @@ class Cost:
     iterations: dict[str, float]
 
 
-def filled(level: int, layers: int) -> UnsteadyFlow:
+def scene() -> Unsteady:
+    """The first part of the line of the demo."""
+    changes = {"geometry.length": LENGTH, "output.sections": None, "output.probes": None}
+    found = demo(DEMO, changes).scene
+    assert isinstance(found, Unsteady)
+    return found
+
+
+def filled(level: int, layers: int) -> tuple[UnsteadyFlow, Inflow]:
     """The pipe about to be filled: hardly any grains, both phases at the speed of the feed."""
-    case = Case.from_dict(DEMO)
-    geometry = PipeGeometry(case.geometry.diameter, "none")
-    mesh = extruded(geometry, case.geometry.length, layers, level, cells="quadrilateral", order=1)
-    flow = UnsteadyFlow(problem_of(case), mesh)
+    given = scene()
+    section, resolution = given.geometry.section("none"), Resolution(level, cells="quadrilateral")
+    mesh = extruded_mesh(section, resolution, LENGTH, layers, MPI.COMM_WORLD, order=1)
+    flow, inflow = UnsteadyFlow(given.problem(), mesh), given.inflow(np.inf)
     flow.initialise(1e-8)
-    flow.set_velocities(np.array([0.0, 0.0, 6.09]), np.array([0.0, 0.0, 6.43]))
-    return flow
+    axis = np.array([0.0, 0.0, 1.0])
+    flow.set_velocities(inflow.solids_velocity * axis, inflow.gas_velocity * axis)
+    return flow, inflow
 
 
 def peak() -> float:
@@ -81,15 +85,15 @@ def measure(level: int, layers: int, steps: int = STEPS) -> Cost:
         a step has no result.
     """
     before = peak()
-    flow = filled(level, layers)
+    flow, inflow = filled(level, layers)
     for _ in range(FIRST):
-        flow.advance(STEP, INFLOW)
+        flow.advance(STEP, inflow)
     cells, iterations, fastest, shortest = flow.mesh.num_cells, dict[str, float](), np.inf, np.inf
     stretch = max(steps // STRETCHES, 1)
     for _ in range(STRETCHES):
         began, since = time.process_time(), time.perf_counter()
         for _ in range(stretch):
-            for name, number in flow.advance(STEP, INFLOW).iterations.items():
+            for name, number in flow.advance(STEP, inflow).iterations.items():
                 share = number / stretch / STRETCHES
                 iterations[name] = iterations.get(name, 0.0) + share
         spent = flow.cells.total(time.process_time() - began)
@@ -107,19 +111,20 @@ def growth(steps: int = LONG) -> float:
     StepFailed
         a step has no result.
     """
-    flow, early = filled(*LONG_MESH), 0.0
+    (flow, inflow), early = filled(*LONG_MESH), 0.0
     for step in range(steps):
         if step == steps // 10:
             early = peak()
-        flow.advance(STEP, INFLOW)
+        flow.advance(STEP, inflow)
     return peak() - early
 
 
 def table(meshes: Sequence[tuple[int, int]], steps: int) -> str:
     """Measure every mesh, print a line for each and return them."""
-    filled(*LONG_MESH).advance(STEP, INFLOW)
+    flow, inflow = filled(*LONG_MESH)
+    flow.advance(STEP, inflow)
     lines = [
-        f"{DEMO['title']}, steps of {STEP:g} s",
+        f"filling of {LENGTH:g} m of {DEMO}, steps of {STEP:g} s",
         "cells  us/cell/step  ms/step  kB/cell  iterations",
     ]
     for level, layers in meshes:
@@ -129,14 +134,14 @@ def table(meshes: Sequence[tuple[int, int]], steps: int) -> str:
             f"{cost.cells:5d}  {cost.microseconds:.2f}  {cost.milliseconds:.1f}  "
             f"{f'{cost.kilobytes:.1f}' if cost.kilobytes else '-'}  {effort}"
         )
-        error.tell(lines[-1])
+        tell(lines[-1])
     return "\n".join(lines)
 
 
 def run() -> str:
     """A long run on a small mesh, and meshes of 27 thousand cells and fewer."""
     told = f"memory added by the last nine tenths of {LONG} steps: {growth():.0f} kB"
-    error.tell(told)
+    tell(told)
     return f"{told}\n{table(MESHES, STEPS)}"
 
 

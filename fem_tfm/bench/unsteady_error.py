@@ -19,35 +19,24 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from fem_tfm.bench.demo import demo
 from fem_tfm.bench.error import tell
-from fem_tfm.case import Case
-from fem_tfm.flows import developing, unsteady
-from fem_tfm.mesh import line
-from fem_tfm.models.finite_volume import UnsteadyFlow
 from fem_tfm.output.files import on_root, replaced
-from fem_tfm.solvers.time_stepping import TimeStepping
 
-LENGTH, COMPARED = 0.3, 0.1
-PIPE: dict[str, Any] = {
-    "title": "first 0.3 m of the dense pipe, case 3 of Ding et al. (2024)",
-    "geometry": {"diameter": 0.01, "length": LENGTH},
-    "gas": {"density": 33.5, "viscosity": 1.8e-5},
-    "solids": {"density": 1700.0, "diameter": 1.6e-4},
-    "operation": {
-        "gas_superficial_velocity": 6.43,
-        "solids_fraction": 0.245,
-        "solids_velocity": 6.09,
-    },
-}
+DEMO, COMPARED = "dense_pipe/startup.toml", 0.1
 # divisions of the mesh with the largest cells, for which its size and layers hold
 MESHES, COARSEST, LAYERS = (1, 2, 3, 4), 2.4e-3, 75
 ORDERS = (0, 1)
-# the feeder opens within 5 ms; the gas needs 50 ms from end to end
-OPENS, END, COURANT = 0.005, 0.08, 2.0
+# the gas needs 50 ms from end to end
+END = 0.08
 REFERENCE_LEVEL = 5
+# what a march does not read
+IN_TIME = (
+    "initial", "operation.solids_schedule", "numerics.axial_cells", "numerics.end_time",
+    "numerics.courant", "output.interval", "output.probes", "output.sections",
+)  # fmt: skip
 # of the wall law [m]; the strip of three of them that it stretches is wider than the largest cells
 DISTANCE = 4e-4
-PICTURES = Path("results") / "bench"
 
 
 @dataclass(frozen=True)
@@ -69,11 +58,6 @@ class Measure:
     found: Found
 
 
-def walls(wall: str) -> dict[str, Any]:
-    """Table [walls] of a case with a wall law of the gas."""
-    return {"gas": wall, "distance": DISTANCE}
-
-
 def reference(wall: str, level: int = REFERENCE_LEVEL) -> Found:
     """The march along the line with a wall law of the gas.
 
@@ -82,9 +66,10 @@ def reference(wall: str, level: int = REFERENCE_LEVEL) -> Found:
     SolverError
         the march does not reach the outlet.
     """
-    given = {"solution": "developing", "walls": walls(wall), "numerics": {"level": level}}
-    table = developing.solve(Case.from_dict(PIPE | given)).columns()
-    z = np.linspace(LENGTH - COMPARED, LENGTH, 101)
+    given = dict.fromkeys(IN_TIME) | {"solution": "developing", "numerics.level": level}
+    scene = demo(DEMO, given | {"walls.gas": wall, "walls.distance": DISTANCE}).scene
+    table, length = scene.run().sections["axis"], scene.geometry.length
+    z = np.linspace(length - COMPARED, length, 101)
     pressure, holdup = (np.interp(z, table["z"], table[name]) for name in ("pressure", "holdup"))
     lost = float(pressure[0] - pressure[-1])
     return Found(lost / COMPARED, float(np.trapezoid(holdup, z) / COMPARED))
@@ -99,33 +84,28 @@ def measure(wall: str, order: int, division: int, end: float = END) -> Measure:
         no step above the smallest succeeds.
     """
     given = {
-        "solution": "unsteady",
-        "walls": walls(wall),
-        "operation": PIPE["operation"] | {"solids_schedule": [[0.0, 0.0], [OPENS, 1.0]]},
-        "numerics": {
-            "order": order,
-            "mesh_size": COARSEST / division,
-            "axial_cells": LAYERS * division,
-            "end_time": end,
-            "courant": COURANT,
-        },
+        "walls.gas": wall,
+        "walls.distance": DISTANCE,
+        "numerics.order": order,
+        "numerics.mesh_size": COARSEST / division,
+        "numerics.axial_cells": LAYERS * division,
+        "numerics.end_time": end,
+        "output.interval": None,
+        "output.probes": None,
+        "output.sections": None,
     }
-    case = Case.from_dict(PIPE | given)
-    began = time.process_time()
-    flow = UnsteadyFlow(unsteady.problem_of(case), line(case))
-    stepping = TimeStepping(unsteady.step_control(case), unsteady.milestones(case))
-    unsteady.start(case, flow)
-    stepped = unsteady.Stepped(case, flow)
-    while not stepping.done:
-        stepping.advance(stepped)
+    scene = demo(DEMO, given).scene
+    recorder, began = scene.recorder(), time.process_time()
+    scene.solve(recorder)
+    flow, steps = recorder.section.flow, recorder.stepping.count
     spent = flow.cells.total(time.process_time() - began)
-    return Measure(order, flow.mesh.num_cells, stepping.count, spent, means(flow))
+    return Measure(order, flow.mesh.num_cells, steps, spent, means(flow, scene.geometry.length))
 
 
-def means(flow: UnsteadyFlow) -> Found:
+def means(flow: Any, length: float) -> Found:
     """What the last part of the line loses, whose outlet has no pressure, and holds."""
     cells, own = flow.cells, flow.line.own
-    beyond = flow.mesh.straightened(cells.centre[own])[:, 2] - (LENGTH - COMPARED)
+    beyond = flow.mesh.straightened(cells.centre[own])[:, 2] - (length - COMPARED)
     layer = np.diff(np.unique(np.round(beyond, 9))).max(initial=0.0)
 
     def mean(values: Any, part: Any) -> float:
@@ -163,27 +143,28 @@ def picture(path: Path, measures: Sequence[Measure], wanted: Found, wall: str) -
         axes.set_xlabel("CPU time [s]")
         axes.set_ylabel(f"relative error of the {name}")
     panels[0].legend(frameon=False, fontsize=8)
-    figure.suptitle(f"{PIPE['title']}: last {COMPARED:g} m, {wall}", fontsize=10)
+    figure.suptitle(f"{DEMO}: last {COMPARED:g} m, {wall}", fontsize=10)
     with replaced(path) as temporary:
         figure.savefig(temporary, dpi=150, format="png")
 
 
 def run(
+    out: Path,
     wall: str = "free-slip",
     divisions: Sequence[int] = MESHES,
     orders: Sequence[int] = ORDERS,
     end: float = END,
     level: int = REFERENCE_LEVEL,
-    pictures: Path = PICTURES,
 ) -> str:
     """Run every mesh with every order, print a line for each, write the picture, return the table.
 
+    out : directory of the picture
     wall : law of the gas
     level : of the reference
     """
     wanted = reference(wall, level)
     lines = [
-        f"{PIPE['title']}, {wall}",
+        f"{DEMO}, {wall}",
         f"reference {wanted.gradient:.1f} Pa/m, hold-up {wanted.holdup:.5f}",
         "order  cells  steps  CPU [s]  Pa/m  error  hold-up  error",
     ]
@@ -198,6 +179,6 @@ def run(
                 f"{one.found.gradient:6.1f} {off[0]:.1e}  {one.found.holdup:.5f} {off[1]:.1e}"
             )
             tell(lines[-1])
-    path = pictures / f"unsteady_error_{wall}.png"
+    path = out / f"unsteady_error_{wall}.png"
     on_root(MPI.COMM_WORLD, lambda: picture(path, found, wanted, wall))
     return "\n".join([*lines, f"picture in {path}"])

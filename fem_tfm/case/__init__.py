@@ -14,7 +14,7 @@ from typing import Any
 from mpi4py import MPI
 
 import fem_tfm.scenes  # noqa: F401  (the scenes register themselves)
-from fem_tfm.case.edit import change, give_way, parse_override, read
+from fem_tfm.case.edit import change, each_once, give_way, parse_override, read
 from fem_tfm.output.result import Result
 from fem_tfm.scenes.kinds import known_keys
 from fem_tfm.scenes.reading import scene_from, tables_of
@@ -41,7 +41,7 @@ class Case:
     def load(cls, path: str | Path, overrides: Iterable[str] = ()) -> Case:
         """Read a TOML file; `overrides` are texts "key=value" as given to --set."""
         values = read(Path(path))
-        changes = dict(map(parse_override, overrides))
+        changes = each_once("--set", map(parse_override, overrides))
         give_way(values, changes)
         for key, value in changes.items():
             change(values, key, value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,16 @@ def parse_override(text: str) -> tuple[str, Any]:
     if not (equals and key.strip() and value.strip()):
         raise InputError("--set", text, "key=value, such as solids.diameter=1e-4")
     return key.strip(), parse_value(value.strip())
+
+
+def each_once(option: str, pairs: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Keys and values of a repeated option; raises InputError for a key that is given twice."""
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise InputError(option, key, "each key once")
+        found[key] = value
+    return found
 
 
 def parse_value(text: str) -> Any:

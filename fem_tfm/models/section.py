@@ -21,7 +21,7 @@ from dolfinx import fem
 from petsc4py import PETSc
 
 from fem_tfm.closures.base import Closure
-from fem_tfm.fenics import compile_form
+from fem_tfm.fenics import compile_form, compile_forms
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.models.axis import Axis, DevelopedAxis, DevelopingAxis
 from fem_tfm.solvers.newton import Block, Border, BorderedNewton
@@ -111,7 +111,7 @@ class Section(ABC):
 
     @abstractmethod
     def borders(self) -> list[Border]:
-        """Multipliers and what determines them, G first."""
+        """Multipliers and what determines them, G first; their forms are UFL."""
 
     @abstractmethod
     def targets(self) -> list[float]:
@@ -124,15 +124,17 @@ class Section(ABC):
     # -- the solver ----------------------------------------------------------------------------
 
     def build(self, progress: Callable[[str], None]) -> None:
-        """Compile the forms and make the solver; `progress` hears a word before each form."""
-        form = self.residual(self._test())
-        progress("residual")
-        residual = compile_form(form)
-        progress("Jacobian")
-        jacobian = compile_form(ufl.derivative(form, self.now, ufl.TrialFunction(self.space)))
-        progress("constraints")
-        parts = self.boundary_conditions(), self.borders(), self.blocks()
-        self.newton = BorderedNewton(residual, jacobian, self.now, *parts)
+        """Compile the forms side by side and make the solver; `progress` hears what is compiled."""
+        form, borders = self.residual(self._test()), self.borders()
+        wanted = [form, ufl.derivative(form, self.now, ufl.TrialFunction(self.space))]
+        for border in borders:
+            wanted += [border.column, border.constraint, border.row]
+        progress("residual, Jacobian and constraints")
+        residual, jacobian, *rest = compile_forms(wanted)
+        parts = zip(borders, rest[::3], rest[1::3], rest[2::3], strict=True)
+        borders = [replace(b, column=c, constraint=g, row=r) for b, c, g, r in parts]
+        conditions, blocks = self.boundary_conditions(), self.blocks()
+        self.newton = BorderedNewton(residual, jacobian, self.now, conditions, borders, blocks)
 
     def _test(self) -> Any:
         kind = type(self.state(self.now))
@@ -203,14 +205,9 @@ class Section(ABC):
     def _border(
         self, multiplier: fem.Constant, column: Any, constraint: Any, target: float
     ) -> Border:
+        """A border in UFL; `build` compiles its forms beside the others."""
         row = ufl.derivative(constraint, self.now, ufl.TestFunction(self.space))
-        return Border(
-            multiplier,
-            compile_form(column),
-            compile_form(constraint),
-            compile_form(row),
-            self._constant(target),
-        )
+        return Border(multiplier, column, constraint, row, self._constant(target))
 
     # -- unknowns ------------------------------------------------------------------------------
 

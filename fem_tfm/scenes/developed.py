@@ -100,7 +100,7 @@ class Developed(SectionScene):
             start, meshes = "cold", physics.meshes(recorder.comm)
             restart = recorder.restart() if recorder.resume else None
             solution = nested.solve(meshes, setup, *limits, recorder, scheme, restart)
-            spent += sum(section.newton.factorisations for section in recorder.begun)
+            spent += recorder.factorisations
         recorder.take(solution)
         told = {name: recorder.told[name] for name in ANSWERED if name in recorder.told}
         state = Kept(self, solution)
@@ -292,6 +292,11 @@ class SectionRecorder(Recorder, Observer):
         warning = ", ".join(f"{n} {values[n]:.4g}" for n in self.physics.warned if n in values)
         self.progress.update(self._fraction(row["dt"]), warning)
         self.log(f"step {self.steps}: dt {row['dt']:.3g} s, {warning}")
+
+    @property
+    def factorisations(self) -> int:
+        """Factorisations on all meshes that were begun, those of a mesh that failed too."""
+        return sum(section.newton.factorisations for section in self.begun)
 
     def take(self, solution: nested.Solution) -> None:
         """The solution whose finest section is written."""

@@ -8,14 +8,14 @@ collected for each kind.
 from __future__ import annotations
 
 import functools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields
 from typing import Any, get_args, get_origin
 
 from fem_tfm.closures.base import Closure, names
 from fem_tfm.errors import InputError
 from fem_tfm.geometry.shapes import Shape
-from fem_tfm.parameters import Parameters, allowed, checked, in_words, key_of, kind_of
+from fem_tfm.parameters import Parameters, checked, in_words, key_of, kind_of
 
 # tables and keys outside of tables in the order of a case file; others come behind them
 ORDER = (
@@ -107,6 +107,12 @@ class Key:
         return self.field.default
 
     @property
+    def defaults(self) -> list[Any]:
+        """Its defaults in the kinds of scenes that read it, each once."""
+        found = [kind.defaults.get(self.name, self.default) for kind in readers(self.name)]
+        return [value for n, value in enumerate(found) if value not in found[:n]]
+
+    @property
     def is_law(self) -> bool:
         """Whether it holds a law."""
         kind = kind_of(self.cls, self.field)
@@ -114,17 +120,12 @@ class Key:
 
     @property
     def allowed(self) -> str:
-        """What it may hold, in words without the meaning."""
+        """What it may hold, in words without unit and meaning."""
         if self.is_law:
             family = checked(self.cls, self.field, self.default).family
-            return "one of " + ", ".join(names(family))
+            return f"one of {', '.join(names(family))} (fem-tfm models {family})"
         kind, limits = kind_of(self.cls, self.field), self.field.metadata.get("limits", {})
         return in_words(kind, limits)
-
-    @property
-    def meaning(self) -> str:
-        """What it may hold and its meaning, in words."""
-        return allowed(self.cls, self.field)
 
 
 def parts_of(cls: type[Parameters], f: Field[Any], kind: Kind) -> list[type[Parameters]]:
@@ -195,8 +196,10 @@ def readers(name: str) -> list[Kind]:
     return [kind for kind in KINDS if reads(kind, name)]
 
 
-def readers_in_words(kinds: Iterable[Kind]) -> str:
+def readers_in_words(kinds: Sequence[Kind]) -> str:
     """Kinds of scenes as a phrase: "flow = 'dense' with solution = 'developing' or 'unsteady'"."""
+    if len(kinds) == len(KINDS):
+        return "every scene"
     solutions: dict[str, list[str]] = {}
     for kind in kinds:
         solutions.setdefault(kind.flow, []).append(repr(kind.solution))
@@ -207,7 +210,7 @@ def readers_in_words(kinds: Iterable[Kind]) -> str:
 
 def unread_words(name: str, kind: Kind) -> str:
     """What is allowed where a key or table is not read: the scenes that read it."""
-    others = readers_in_words(one for one in readers(name) if one is not kind)
+    others = readers_in_words([one for one in readers(name) if one is not kind])
     what = "table" if name in known_tables() else "key"
     return f"no such {what} for {kind}" + (f"; {others} reads it" if others else "")
 

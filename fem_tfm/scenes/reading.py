@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 from fem_tfm.closures.base import Closure
 from fem_tfm.errors import InputError, nearest
-from fem_tfm.geometry.shapes import SHAPES
+from fem_tfm.geometry.shapes import SHAPES, Pipe
 from fem_tfm.parameters import Parameters, allowed, key_of, kind_of
 from fem_tfm.scenes.kinds import (
     KINDS,
@@ -24,9 +24,13 @@ from fem_tfm.scenes.kinds import (
     unread_words,
 )
 
-# defaults of the keys that choose classes and belong to no field
+# keys that choose classes and belong to no field, with their defaults and meanings
 FLOW, SOLUTION, AUTO = "dense", "developed", "auto"
-CHOOSING = ("flow", "solution", "geometry.shape")
+CHOOSING = {
+    "flow": (FLOW, "kind of flow"),
+    "solution": (AUTO, "how the axis is treated; auto is developed"),
+    "geometry.shape": (Pipe.shape, "shape of the line"),
+}
 
 
 # -- from tables -----------------------------------------------------------------------------------
@@ -57,10 +61,10 @@ def scene_from(values: Mapping[str, Any]) -> Any:
 
 
 def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys and their values; the table of a law and an empty table are values."""
+    """Dotted keys and their values; an empty table, an unknown one and that of a law are values."""
     for name, value in values.items():
         key = f"{prefix}{name}"
-        if isinstance(value, Mapping) and value and key not in (*known_keys(), *CHOOSING):
+        if isinstance(value, Mapping) and value and key in known_tables():
             yield from _flat(value, f"{key}.")
         elif value is not None:
             yield key, value
@@ -69,19 +73,29 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 def kind_for(values: Mapping[str, Any]) -> Kind:
     """The kind of scene that tables choose by flow and solution; raises InputError."""
     flow, solution = values.get("flow", FLOW), values.get("solution", AUTO)
-    flows = list(dict.fromkeys(kind.flow for kind in KINDS))
+    flows = choices("flow")
     if flow not in flows:
-        words = f"one of {', '.join(flows)} (kind of flow)"
+        words = f"one of {', '.join(flows)} ({CHOOSING['flow'][1]})"
         raise InputError("flow", flow, words, nearest(flow, flows))
     fitting = {kind.solution: kind for kind in KINDS if kind.flow == flow}
+    auto = fitting.get(SOLUTION) or next(iter(fitting.values()))
     if solution == AUTO:
-        return fitting.get(SOLUTION) or next(iter(fitting.values()))
+        return auto
     if isinstance(solution, str) and solution in fitting:
         return fitting[solution]
-    words = f"one of {', '.join([AUTO, *fitting])} (how the axis is treated) for flow = {flow!r}"
+    meaning = f"how the axis is treated; auto is {auto.solution}"
+    words = f"one of {', '.join([AUTO, *fitting])} ({meaning}) for flow = {flow!r}"
     if others := [repr(kind.flow) for kind in KINDS if kind.solution == solution]:
         words += f", or flow {' or '.join(others)} beside it"
     raise InputError("solution", solution, words, nearest(solution, [AUTO, *fitting]))
+
+
+def choices(key: str) -> list[str]:
+    """What a key that chooses classes may hold."""
+    if key == "geometry.shape":
+        return list(dict.fromkeys(cls.shape for kind in KINDS for cls in kind.shapes))
+    named = [kind.flow if key == "flow" else kind.solution for kind in KINDS]
+    return list(dict.fromkeys(named if key == "flow" else [AUTO, *named]))
 
 
 def _build(cls: Any, values: Mapping[str, Any], kind: Kind) -> Any:

@@ -22,9 +22,17 @@ from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from fem_tfm.solvers.options import configure
+
 # owned unknowns and multipliers, or what is added to them
 Change = tuple[np.ndarray, np.ndarray]
-_COUNTER = iter(range(1 << 30))
+# MUMPS may take 60 % more memory than it foresees
+DIRECT = {
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_14": 60,
+}
 # a linear solution is refined at most so often, and not where its residual is this small
 REFINEMENTS, EXACT = 1, 1e-10
 # step lengths below this are a failure; corrections of this size are noise
@@ -92,7 +100,10 @@ class LinearSolveError(ArithmeticError):
 
 
 class DirectSolver:
-    """MUMPS factorisation of one matrix, reused for any number of right-hand sides."""
+    """Factorisation of one matrix, by MUMPS, reused for any number of right-hand sides.
+
+    PETSc's options begin with fem_tfm_direct_.
+    """
 
     def __init__(self, matrix: PETSc.Mat) -> None:
         self._create(matrix)
@@ -100,19 +111,8 @@ class DirectSolver:
     def _create(self, matrix: PETSc.Mat) -> None:
         self.failed = False
         self.ksp = PETSc.KSP().create(matrix.comm)
-        self.ksp.setOptionsPrefix(f"fem_tfm_direct_{next(_COUNTER)}_")
-        self.ksp.setType("preonly")
         self.ksp.setOperators(matrix)
-        pc = self.ksp.getPC()
-        pc.setType("lu")
-        pc.setFactorSolverType("mumps")
-        factor_options = {"mat_mumps_icntl_14": 60}
-        options = PETSc.Options()
-        for key, value in factor_options.items():
-            options.setValue(self.ksp.getOptionsPrefix() + key, value)
-        self.ksp.setFromOptions()
-        for key in factor_options:
-            options.delValue(self.ksp.getOptionsPrefix() + key)
+        configure(self.ksp, "fem_tfm_direct_", DIRECT)
 
     def refactor(self, matrix: PETSc.Mat) -> None:
         """Factorise new values of the matrix."""

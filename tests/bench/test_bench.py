@@ -5,17 +5,22 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from fem_tfm import bench
 from fem_tfm.bench import duct, error, stress, unsteady, unsteady_error
+from fem_tfm.bench.demo import demo
 from fem_tfm.case import Case
 from fem_tfm.closures import make, names
 from fem_tfm.errors import InputError, SolverError
-from fem_tfm.flows import developed
-from fem_tfm.flows.section import MeshTerms, Section
+from fem_tfm.models.two_fluid.section import TwoFluidSection
+from fem_tfm.scenes import dense as physics
+from fem_tfm.scenes.developed import Developed
+from fem_tfm.solvers.easing import MeshTerms
 from fem_tfm.solvers.pseudo_time import History, PseudoTime
 
 
@@ -53,27 +58,28 @@ def test_the_cases_fill_their_ranges_and_are_the_same_every_time() -> None:
     assert len(cases) == stress.CASES
     assert [c.dump() for c in cases] == [c.dump() for c in stress.cases()]
     for key, (low, high, logarithmic) in stress.RANGES.items():
-        found = [_value(case, key) for case in cases]
+        found = [case[key] for case in cases]
         assert low <= min(found) and max(found) <= high
         if key != "solids.diameter":
             middle = math.sqrt(low * high) if logarithmic else (low + high) / 2
             assert 0.35 < sum(v < middle for v in found) / len(found) < 0.65
-    angles = [case.geometry.inclination_deg for case in cases]
+    angles = [case.scene.geometry.inclination_deg for case in cases]
     assert angles.count(0.0) > 20 and angles.count(90.0) > 20
     assert sum(0 < angle < 90 for angle in angles) > 60
-    for case in cases:
-        assert case.solids.diameter <= stress.LARGEST_GRAIN * case.geometry.diameter
-        packed = case.closures.friction.name in stress.PLASTIC
-        assert (case.solids.friction_limit == stress.PACKED_FRACTION) == packed
+    for scene in (case.scene for case in cases):
+        solids, width = scene.model.solids, scene.geometry.hydraulic_diameter
+        assert solids.diameter <= stress.LARGEST_GRAIN * width
+        packed = scene.model.friction.name in stress.PLASTIC
+        assert (solids.friction_limit == stress.PACKED_FRACTION) == packed
 
 
 def test_a_constant_drag_is_of_the_size_of_its_scene() -> None:
     factors = []
-    for case in stress.cases():
-        if case.closures.drag.name == "constant":
-            alpha, d = case.operation.solids_fraction, case.solids.diameter
+    for scene in (case.scene for case in stress.cases()):
+        if scene.model.drag.name == "constant":
+            alpha, d = scene.feed.solids_fraction, scene.model.solids.diameter
             size = 150 * alpha * 1.8e-5 / ((1 - alpha) * d**2) + 18 * 1.8e-5 / d**2
-            factors.append(case.closures.drag.value / size)
+            factors.append(scene.model.drag.value / size)
     low, high = stress.CONSTANT_DRAG
     assert len(factors) > 10 and low <= min(factors) < 1 < max(factors) <= high
 
@@ -82,21 +88,20 @@ def test_where_the_standard_mesh_terms_fail_raised_ones_say_so(
     dense: dict, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     case = Case.from_dict({**dense, "numerics": {"level": 1}})
-    standard, march = stress.solve(case), developed._march
+    standard, run, sections = stress.solve(case), PseudoTime.run, {}
 
-    def stubborn(section: Section, *given: object) -> PseudoTime:
-        found = march(section, *given)
-        run = found.run
+    def section(*given: Any) -> TwoFluidSection:
+        made = TwoFluidSection(*given)
+        sections[made.newton] = made
+        return made
 
-        def steady_if_raised(first: float | None = None) -> History:
-            if section.mesh_terms.strength < 4:
-                raise SolverError("not steady")
-            return run(first)
+    def steady_if_raised(march: PseudoTime, *given: Any) -> History:
+        if sections[march.newton].mesh_terms.strength < 4:
+            raise SolverError("not steady")
+        return run(march, *given)
 
-        found.run = steady_if_raised
-        return found
-
-    monkeypatch.setattr(developed, "_march", stubborn)
+    monkeypatch.setattr(physics.Dense, "scheme", replace(physics.SCHEME, section=section))
+    monkeypatch.setattr(PseudoTime, "run", steady_if_raised)
     raised = stress.solve(case)
     assert (standard.mesh_terms, raised.mesh_terms) == (MeshTerms(), MeshTerms(4.0))
     assert 1e-4 < abs(raised.gradient / standard.gradient - 1)
@@ -104,14 +109,9 @@ def test_where_the_standard_mesh_terms_fail_raised_ones_say_so(
     assert "1 of them with raised terms" in stress.summary([standard, raised])
     result = case.run()
     assert any("4 times numerics.capture" in line for line in result.skipped)
-    monkeypatch.setattr(stress.dense, "LARGEST_CHANGE", 1e-6)
+    monkeypatch.setattr(physics, "LARGEST_CHANGE", 1e-6)
     refused = stress.solve(case)
     assert not refused.converged and "which decide it" in refused.reason
-
-
-def _value(case: Case, key: str) -> float:
-    table, _, name = key.partition(".")
-    return getattr(getattr(case, table), name)
 
 
 def test_a_case_that_does_not_converge_has_a_reason_and_no_number(
@@ -123,7 +123,7 @@ def test_a_case_that_does_not_converge_has_a_reason_and_no_number(
         def fail(*given: object, failure: Exception = failure) -> None:
             raise failure
 
-        monkeypatch.setattr(developed, "solve", fail)
+        monkeypatch.setattr(Developed, "solve", fail)
         outcome = stress.solve(case)
         assert not outcome.converged and math.isnan(outcome.gradient)
         assert str(failure) in outcome.reason
@@ -135,7 +135,7 @@ def test_an_answer_that_breaks_a_balance_does_not_count(
     case = Case.from_dict({**dense, "numerics": {"level": 1}})
     good = stress.solve(case)
     assert good.converged and good.gradient > 0 and good.factorisations > 0
-    monkeypatch.setattr(stress.dense, "balances", lambda section: {"axial_momentum": 0.1})
+    monkeypatch.setattr(physics, "balances", lambda section: {"axial_momentum": 0.1})
     bad = stress.solve(case)
     assert not bad.converged and math.isnan(bad.gradient) and "axial_momentum" in bad.reason
 
@@ -148,7 +148,7 @@ def test_the_summary_counts_causes_without_their_numbers() -> None:
 
 
 def test_run_time_against_error(tmp_path: Path) -> None:
-    text = error.run((1, 2), 3, ("triangle",), tmp_path / "error.png")
+    text = error.measured(demo(error.DEMO, {}), (1, 2), 3, ("triangle",), tmp_path / "error.png")
     rows = [line.split() for line in text.splitlines() if line.startswith("triangle")]
     assert [row[1] for row in rows] == ["1", "2"]
     assert int(rows[0][2]) < int(rows[1][2])
@@ -164,9 +164,17 @@ def test_published_errors_are_against_the_finest_mesh() -> None:
 
 
 def test_the_duct_is_measured_like_the_pipe() -> None:
-    found = duct.measure("quadrilateral", 1)
+    found = error.measure(duct.case(), "quadrilateral", 1)
     assert found.number > 0 and found.unknowns > found.number
     assert found.gradient > 0 and found.factorisations > 0
+
+
+def test_without_the_checkout_there_is_nothing_to_measure(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("fem_tfm.bench.demo.DEMOS", tmp_path)
+    with pytest.raises(InputError, match="from a checkout of the repository"):
+        bench.run("error", tmp_path)
 
 
 def test_an_unknown_benchmark_is_refused() -> None:
@@ -198,7 +206,7 @@ def test_the_unsteady_flow_is_held_against_the_march(
     """The first milliseconds of the filling: no grain has come as far as the last part."""
     wanted = unsteady_error.Found(100.0, 0.1)
     monkeypatch.setattr(unsteady_error, "reference", lambda wall, level: wanted)
-    text = unsteady_error.run("log-law", divisions=(1,), end=8e-3, pictures=tmp_path)
+    text = unsteady_error.run(tmp_path, "log-law", divisions=(1,), end=8e-3)
     first, second = (line.split() for line in text.splitlines()[3:5])
     assert [first[0], second[0]] == ["0", "1"] and first[1] == second[1] == "750"
     gradients = [float(row[4]) for row in (first, second)]

@@ -91,7 +91,6 @@ def test_parse_value_reads_short_numbers(text: str, value: float) -> None:
     [
         ("operation.solids_mass_flow=0.194", 0.194 / (1700 * math.pi / 4 * 1e-4)),
         ("operation.solids_superficial_velocity=1.5", 1.5),
-        ("operation.solids_velocity=6", 0.245 * 6),
     ],
 )
 def test_a_changed_feed_takes_the_place_of_the_other(
@@ -119,3 +118,13 @@ def test_two_changed_feeds_contradict_each_other(root: Path) -> None:
     changes = ["operation.solids_mass_flow=0.2", "operation.solids_fraction=0.2"]
     with pytest.raises(InputError, match="exactly one of"):
         Case.load(path, changes)
+
+
+def test_a_velocity_beside_the_fraction_makes_a_flux(root: Path) -> None:
+    case = Case.load(root / "demos/dense_pipe/algebraic.toml", ["operation.solids_velocity=6"])
+    assert case.scene.solids_feed == ("flux", pytest.approx(0.245 * 6))
+
+
+def test_a_key_is_changed_once(root: Path) -> None:
+    with pytest.raises(InputError, match="each key once"):
+        Case.load(root / "demos/dense_pipe/case3.toml", ["title=a", "title=b"])

@@ -13,9 +13,9 @@ import pytest
 
 from fem_tfm.case import Case
 from fem_tfm.output.pictures import SectionView
-from fem_tfm.sweep import Point
+from fem_tfm.study.sweep import Point
 
-DEMO = Path(__file__).parent.parent / "demos" / "dense_pipe"
+DEMO = Path(__file__).parents[2] / "demos" / "dense_pipe"
 # cheaper laws whose forms other tests compile too
 CHEAP = {
     "closures.turbulence": "mixing-length",
@@ -131,7 +131,7 @@ def test_two_cases_and_a_failed_one_make_a_whole_report(study: Any, tmp_path: Pa
     study.solve_rows(made, ["berzi"], (2, 3), told.append)
     study.solve_meshes(made, [1])
     study.solve_alternatives(made, 1, ["none", "drag that fades within a grain of the wall"])
-    made.answers[study.MASS, "dartevelle", 3] = study.Answer(Point(0, {}, reason="gave up here"))
+    made.answers[study.MASS, "dartevelle", 3] = study.Run(Point(0, {}, reason="gave up here"))
     study.write(made, tmp_path)
     assert len(told) == 4 and all("kPa" in text for text in told)
     assert [a.point.start for a in made.answers.values()][1:4] == ["warm"] * 3

@@ -150,7 +150,7 @@ def test_the_sublayer_is_the_same_from_any_height_in_it(factor: float) -> None:
 
 GAS, SOLIDS = (
     Gas(1.5, 0.05),
-    Solids(4.0, 0.2, friction_limit=0.3, friction_angle_deg=28.648),
+    Solids(4.0, 0.1, friction_limit=0.3, friction_angle_deg=28.648),
 )
 SMOOTH = {"closures.drag.width": 0.2, "closures.friction.width": 0.1}
 SCALES = ("ln_k", "ln_eps", "ln_k_s", "ln_eps_s")

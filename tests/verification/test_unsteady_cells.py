@@ -11,8 +11,10 @@ import ufl
 from boxes import HEX, TET, box
 from dolfinx import fem
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from fem_tfm.fenics import compile_form
+from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.limiter import limit_flux, limited_increments
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Cells
@@ -193,3 +195,27 @@ def test_a_number_that_is_not_finite_is_seen_on_every_rank() -> None:
     if MPI.COMM_WORLD.rank == 0:
         values[0] = np.nan
     assert not np.isfinite(cells.largest(values))
+
+
+@pytest.mark.parametrize("method", ["transport", "pressure"])
+def test_linear_solvers_follow_the_options_of_the_user(method: str) -> None:
+    matrix, table, prefix = (
+        CellMatrix(cells_of("hexahedra")),
+        PETSc.Options(),
+        f"fem_tfm_cells_{method}_",
+    )
+    loose, tight = Krylov(matrix, method, 1e-4), Krylov(matrix, method, 1e-6)
+    usual = table.getString(prefix + "ksp_type")
+    assert (loose.ksp.getTolerances()[0], tight.ksp.getTolerances()[0]) == (1e-4, 1e-6)
+    assert tight.ksp.getType() == usual == {"transport": "bcgs", "pressure": "cg"}[method]
+    for key, value in {"ksp_type": "gmres", "ksp_rtol": 1e-9, "ksp_atol": 1e-7}.items():
+        table[prefix + key] = value
+    try:
+        own = Krylov(matrix, method, 1e-4)
+        own.reset()
+        assert own.ksp.getType() == "gmres"
+        assert own.ksp.getTolerances()[:2] == (1e-9, 1e-7)
+    finally:
+        table[prefix + "ksp_type"] = usual
+        for key in ("ksp_rtol", "ksp_atol"):
+            table.delValue(prefix + key)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import AIR, GRAINS, box, flow
+from boxes import AIR, GRAINS, box, flow, immovable
 from mpi4py import MPI
 from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
@@ -129,7 +129,7 @@ def test_a_vortex_in_a_box_dies_as_its_sides_bear_it(
     size, viscosity, cells = 0.01, 1e-2, 16
     mesh = box((size, size, size / cells), (cells, cells, 1), f"{4 * sides}ss")
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    points = mesh.mesh.section.x
+    points = mesh.mesh.geometry.x
     points[:, :2] = points[:, :2] @ turn.T
     found = flow(mesh, {"gas": {"density": 1.0, "viscosity": viscosity}}, alone=True, order=order)
     k = math.pi / size
@@ -179,7 +179,7 @@ def test_long_steps_find_the_drop_of_a_fixed_bed(order: int) -> None:
     speed, alpha, length, cells = 2.8, 0.4, 1.0, 40
     found = flow(box((0.02, 0.02, length), (1, 1, cells)), order=order)
     # grains that nothing moves
-    found.laws.solids = replace(found.solids, density=1e12)
+    found.laws.solids = immovable(found.solids)
     found.initialise(alpha)
     drops = []
     for _ in range(40):

@@ -20,7 +20,7 @@ from dolfinx.mesh import compute_midpoints
 
 from fem_tfm.closures.turbulence.reynolds_stress import StressLaw, Wall
 from fem_tfm.closures.walls.functions import WallFunction
-from fem_tfm.fenics import compile_form
+from fem_tfm.fenics import compile_expression, compile_form
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.section import RectangularSection
 from fem_tfm.models import section
@@ -240,7 +240,7 @@ class ReynoldsStressSection(section.Section):
         for name, (space, expression) in expressions.items():
             fields[name] = fem.Function(space)
             points = space.element.interpolation_points
-            fields[name].interpolate(fem.Expression(expression, points))
+            fields[name].interpolate(compile_expression(expression, points))
         for name, function in fields.items():
             function.name = name
         return fields

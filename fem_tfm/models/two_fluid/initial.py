@@ -10,7 +10,7 @@ import ufl
 from dolfinx import fem
 
 from fem_tfm.closures.turbulence.gas import nikuradse
-from fem_tfm.fenics import compile_form
+from fem_tfm.fenics import compile_expression, compile_form
 from fem_tfm.models.two_fluid.section import TwoFluidSection as Section
 
 # measured: a cold start is fastest with a fluctuation speed of about this fraction of U_g
@@ -29,7 +29,7 @@ def _profile(section: Section, laminar: bool) -> fem.Function:
     bounded = ufl.max_value(s, 0.01)
     shape = s * (2 - s) if laminar else bounded ** (1 / 7)
     profile = fem.Function(space)
-    profile.interpolate(fem.Expression(shape, space.element.interpolation_points))
+    profile.interpolate(compile_expression(shape, space.element.interpolation_points))
     comm = section.mesh.mesh.comm
     mean = comm.allreduce(fem.assemble_scalar(compile_form(profile * ufl.dx))) / section.area
     profile.x.array[:] /= mean
@@ -97,7 +97,7 @@ def set_turbulence(
     for name, value in guess.items():
         space, dofs = section.space.sub(section.names.index(name)).collapse()
         found = fem.Function(space)
-        found.interpolate(fem.Expression(value, space.element.interpolation_points))
+        found.interpolate(compile_expression(value, space.element.interpolation_points))
         section.now.x.array[dofs] = found.x.array
 
 

@@ -8,6 +8,7 @@ import ufl
 from dolfinx import fem
 
 from fem_tfm.correlations import power_law
+from fem_tfm.fenics import compile_expression
 from fem_tfm.models.two_fluid.initial import set_turbulence
 from fem_tfm.models.two_fluid.section import TwoFluidSection as Section
 from fem_tfm.operation import Inlet
@@ -55,7 +56,7 @@ def _shape(section: Section, profile: str) -> fem.Function:
         geometry = section.mesh.section
         distance = geometry.wall_distance(ufl.SpatialCoordinate(section.mesh.mesh))
         power = power_law(distance, geometry.hydraulic_diameter / 2)
-        shape.interpolate(fem.Expression(power, space.element.interpolation_points))
+        shape.interpolate(compile_expression(power, space.element.interpolation_points))
     return shape
 
 

@@ -19,6 +19,7 @@ from dolfinx import fem
 from dolfinx.la import InsertMode
 from mpi4py import MPI
 
+from fem_tfm.fenics import compile_expression
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.materials import Gas, Solids
 from fem_tfm.models import section
@@ -259,7 +260,7 @@ class TwoFluidSection(section.Section):
         for name, value in {"p_f": solid.p_f, "tau_f": shear}.items():
             found[name] = fem.Function(self.space.sub(self.names.index("q")).collapse()[0])
             points = found[name].function_space.element.interpolation_points
-            found[name].interpolate(fem.Expression(ufl.as_ufl(value), points))
+            found[name].interpolate(compile_expression(value, points))
         return found
 
     def extremes(self) -> dict[str, float]:

@@ -8,6 +8,26 @@ from petsc4py import PETSc
 from fem_tfm.errors import SolverError
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.solvers.options import configure
+
+SMALLEST = 1e-50
+OPTIONS: dict[str, dict[str, object]] = {
+    "transport": {
+        "ksp_type": "bcgs",
+        "pc_type": "bjacobi",
+        "sub_pc_type": "ilu",
+        # pivots have units: a small one is a small cell
+        "sub_pc_factor_zeropivot": 1e-100,
+    },
+    "pressure": {
+        "ksp_type": "cg",
+        "pc_type": "gamg",
+        "mg_levels_ksp_type": "richardson",
+        "mg_levels_ksp_max_it": 1,
+        "mg_levels_pc_type": "sor",
+        "pc_gamg_threshold": 0.02,
+    },
+}
 
 
 class Krylov:
@@ -38,42 +58,18 @@ class Krylov:
         """The solver without any preconditioner."""
         self.ksp = PETSc.KSP().create(self.matrix.cells.comm)
         self.ksp.setOperators(self.matrix.matrix)
-        # parts of a preconditioner read their options at its first set-up, so these stay
-        prefix = f"fem_tfm_cells_{self._method}_"
-        self.ksp.setOptionsPrefix(prefix)
-        options = {
-            "transport": {
-                "ksp_type": "bcgs",
-                "pc_type": "bjacobi",
-                "sub_pc_type": "ilu",
-                # pivots have units: a small one is a small cell
-                "sub_pc_factor_zeropivot": 1e-100,
-            },
-            "pressure": {
-                "ksp_type": "cg",
-                "pc_type": "gamg",
-                "mg_levels_ksp_type": "richardson",
-                "mg_levels_ksp_max_it": 1,
-                "mg_levels_pc_type": "sor",
-                "pc_gamg_threshold": 0.02,
-            },
-        }[self._method]
-        table = PETSc.Options()
-        # a multigrid of one level leaves some unread, of which PETSc need not warn
-        given = {prefix + key: value for key, value in options.items()} | {"options_left": "no"}
-        for key, value in given.items():
-            if not table.hasName(key):
-                table.setValue(key, value)
         self.ksp.setInitialGuessNonzero(True)
-        self.ksp.setTolerances(rtol=self._tolerance, atol=1e-50, max_it=300)
-        self.ksp.setFromOptions()
+        self.ksp.setTolerances(rtol=self._tolerance, atol=SMALLEST, max_it=300)
+        prefix = f"fem_tfm_cells_{self._method}_"
+        configure(self.ksp, prefix, OPTIONS[self._method])
+        self._fixed = PETSc.Options().hasName(prefix + "ksp_atol")
 
     def update(self, keep: bool = False) -> None:
         """Take over new values of the matrix; `keep` the preconditioner of older ones."""
         self.ksp.setOperators(self.matrix.matrix)
         self.ksp.getPC().setReusePreconditioner(keep)
 
-    def solve(self, rhs: Array, start: Array, enough: float = 1e-50) -> Array:
+    def solve(self, rhs: Array, start: Array, enough: float = SMALLEST) -> Array:
         """Solution over the owned unknowns (collective).
 
         enough : norm of the preconditioned residual, in the unit of the unknowns, that ends the
@@ -86,7 +82,8 @@ class Krylov:
         """
         self.b.array[:] = rhs
         self.x.array[:] = start
-        self.ksp.setTolerances(atol=max(enough, 1e-50))
+        if not self._fixed:
+            self.ksp.setTolerances(atol=max(enough, SMALLEST))
         self.ksp.solve(self.b, self.x)
         self.iterations = self.ksp.getIterationNumber()
         reason = self.ksp.getConvergedReason()
