@@ -107,17 +107,17 @@ class Regularisation:
 
         speed, width : U [m/s] and hydraulic diameter D [m]
         theta_floor : smallest granular temperature [m2/s2]
-        grain_gap : height over which the drag fades to the wall, in grain diameters
+        grain_gap : height over which the drag fades to the wall [m]
         others : further fields
         """
-        density, diameter = (solids.density, solids.diameter) if solids else (0.0, 0.0)
+        density = solids.density if solids else 0.0
         return cls(
             theta_floor=theta_floor,
             slip_floor=SLIP_FLOOR * speed,
             shear_floor=SHEAR_FLOOR * speed / width,
             k_floor=K_FLOOR * speed**2,
             max_frictional_viscosity=MAX_VISCOSITY * density * speed * width,
-            grain_gap=grain_gap * diameter,
+            grain_gap=grain_gap,
             **others,
         )
 
@@ -140,7 +140,7 @@ def tangential(velocity: Value, normal: Value) -> Value:
     return velocity - (across if is_expr(across) else across[:, None]) * normal
 
 
-class Deformation:
+class Invariants:
     """Invariants of the gradient of a velocity.
 
     Parameters
@@ -356,25 +356,25 @@ class Pointwise:
 
     def eddies(
         self,
-        deformation: Deformation,
+        invariants: Invariants,
         height: Value,
         slope: Value = 1.0,
         k: Value | None = None,
         eps: Value | None = None,
     ) -> Eddies:
-        """What a law of turbulence sees of a phase that deforms.
+        """What a law of turbulence sees of a phase by the invariants of its velocity gradient.
 
         height, slope : y' [m] of the profile that the point carries, and dy'/dy
         k, eps : turbulent energy [m2/s2] and dissipation [m2/s3] where they are transported
         """
-        square = deformation.square + self.regularisation.shear_floor**2 / 2
+        square = invariants.square + self.regularisation.shear_floor**2 / 2
         found = Eddies(sqrt(2 * square) / slope, height, self.gas, self.diameter / 2)
         if k is None:
             return found
         return replace(
             found,
-            spin=sqrt(square + deformation.spin) / slope,
-            A_s=realizable_slope(math.sqrt(6) * deformation.cubic / square**1.5),
+            spin=sqrt(square + invariants.spin) / slope,
+            A_s=realizable_slope(math.sqrt(6) * invariants.cubic / square**1.5),
             k=k,
             eps=eps,
         )
@@ -437,6 +437,19 @@ class Pointwise:
         return grains.specific * spread / (1 - grains.alpha)
 
     # -- walls ---------------------------------------------------------------------------------
+
+    def wall_state(
+        self, alpha: Value, theta: Value, at: SolidsCoefficients, velocity: Value, cells: Any = ...
+    ) -> WallState:
+        """What the wall law of the solids sees.
+
+        velocity : along the wall [m/s]
+        cells : indices of the cells at the faces of the wall, where the others are arrays
+        """
+        seen = (alpha, theta, at.g0, at.p_f)
+        if isinstance(alpha, np.ndarray):
+            seen = tuple(values[cells] for values in seen)
+        return WallState(*seen, self.speed(velocity))
 
     def solids_wall_friction(self, state: WallState) -> Value:
         """c [Pa s/m] of the traction -c u_t of a wall on the solids."""

@@ -90,7 +90,7 @@ def setup_of(scene: Any) -> Setup:
         width,
         model.solids,
         given.theta_floor,
-        model.grain_gap,
+        model.grain_gap * (model.solids.diameter if model.solids else 0.0),
         alpha_diffusion=ALPHA_DIFFUSION * speed * width if diffusion is None else diffusion,
         capture=given.capture,
         damping=given.damping,

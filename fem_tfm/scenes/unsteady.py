@@ -127,6 +127,7 @@ class Unsteady(Scene):
             gas_velocity=self.feed.gas_velocity,
             diameter=self.geometry.hydraulic_diameter,
             wall_offset=self.wall_offset,
+            theta_floor=model.section_terms.theta_floor,
             grain_gap=model.grain_gap * (solids.diameter if solids else 0.0),
             inlet_profile=inlet.profile,
             solids_intensity=inlet.solids_intensity,
@@ -482,7 +483,6 @@ register(
             "numerics.alpha_diffusion",
             "numerics.capture",
             "numerics.damping",
-            "numerics.theta_floor",
         ),
     )
 )

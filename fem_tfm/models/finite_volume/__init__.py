@@ -14,9 +14,9 @@ One step, without outer iterations:
    gas whose density follows the pressure (`ideal_gas`).
 
 `flow` solves these equations in turn. `problem` states what is solved, `scheme` the order in space
-and time with the levels of `time_levels`, `state` the values that the equations pass on. `laws`
-evaluates the laws in cells; the folder `cells` has the mesh, its operators, limiters, matrices and
-linear solvers.
+and time with the levels of `time_levels`, `state` the values that the equations pass on. All
+coefficients are those of `models.pointwise`; the folder `cells` has the mesh, its operators,
+limiters, matrices and linear solvers.
 
 p is the pressure without the weight of the gas at the outlet.
 """

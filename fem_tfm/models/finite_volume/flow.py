@@ -17,7 +17,6 @@ from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
 from fem_tfm.models.finite_volume.fraction import SolidsFraction
 from fem_tfm.models.finite_volume.ideal_gas import IdealGas, RelativeDensity, gas_volume
-from fem_tfm.models.finite_volume.laws import CellLaws
 from fem_tfm.models.finite_volume.momentum import Momentum
 from fem_tfm.models.finite_volume.pressure import PressureProjection
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
@@ -26,7 +25,6 @@ from fem_tfm.models.finite_volume.state import (
     CELL_FIELDS,
     FACE_FIELDS,
     SMALLEST_FRACTION,
-    SMALLEST_THETA,
     Inflow,
     Masses,
     Report,
@@ -45,6 +43,7 @@ from fem_tfm.models.finite_volume.time_levels import (
     TimeLevels,
 )
 from fem_tfm.models.finite_volume.turbulence import Turbulence
+from fem_tfm.models.pointwise import Invariants
 
 FAILURES = (SolverError, FloatingPointError, np.linalg.LinAlgError)
 
@@ -69,7 +68,7 @@ class UnsteadyFlow:
     def __init__(self, problem: UnsteadyProblem, mesh: Mesh) -> None:
         self.problem, self.mesh = problem, mesh
         self.gas, self.solids = problem.gas, problem.solids
-        self.line, self.laws = LineMesh(problem, mesh), CellLaws(problem)
+        self.line, self.laws = LineMesh(problem, mesh), problem.pointwise()
         self.cells = self.line.cells
         self.scheme = FirstOrder(self.line)
         if problem.second_order:
@@ -97,18 +96,18 @@ class UnsteadyFlow:
         self.momentum = Momentum(line, laws, scheme, problem.gravity, hydrostatic_density)
         self.pressure = PressureProjection(line, laws, problem.compressible)
 
-    def initialise(self, alpha: Any = 0.0, theta: float = SMALLEST_THETA, p: Any = 0.0) -> None:
+    def initialise(self, alpha: Any = 0.0, theta: float | None = None, p: Any = 0.0) -> None:
         """Put both phases at rest, at time zero.
 
         alpha, p : solids fraction [-] and pressure [Pa], numbers or arrays over all cells
-        theta : granular temperature [m2/s2]
+        theta : granular temperature [m2/s2], None for the smallest
         """
         cells = self.cells
         zero, flux = np.zeros(cells.count), np.zeros(cells.face_count)
         vector = np.zeros((cells.count, 3))
         self.now = State(
             alpha=zero + alpha,
-            theta=zero + theta,
+            theta=zero + (self.laws.regularisation.theta_floor if theta is None else theta),
             p=zero + p,
             u_s=vector,
             u_g=vector,
@@ -241,7 +240,8 @@ class UnsteadyFlow:
             gas_density = gas_density * cells.to_faces(density.now)
         drag = sum(self.drag(state, density))
         response = self.pressure.response(state.alpha, drag, step.dt, gas_density)[0]
-        p_s = self.laws.solids_pressure(state.alpha, state.theta, step.deformation)
+        alpha = np.maximum(state.alpha, 0.0)
+        p_s = self.laws.solids_pressure(alpha, state.theta, *step.deformation.rates)
         weight = self.momentum.supported_weight(state.alpha, p_s)
         flux = start.solids_flux + response * cells.face_area * weight
         levels = replace(step.levels, start=replace(start, solids_flux=flux))
@@ -268,7 +268,7 @@ class UnsteadyFlow:
         cells = self.cells
         gradient = cells.ghosted(cells.gradient(state.u_s))
         dilation = cells.ghosted(cells.net_flux(state.solids_flux) / self.line.volume)
-        return self.laws.deformation(gradient, dilation)
+        return SolidsDeformation(gradient, Invariants(gradient).square, dilation)
 
     def _predicted_deformation(self, levels: TimeLevels) -> SolidsDeformation:
         """Deformation predicted for the end of the step, but for the gradient, which is present.
@@ -284,8 +284,9 @@ class UnsteadyFlow:
 
     def drag(self, state: State, density: RelativeDensity | None = None) -> tuple[Array, Array]:
         """beta and its growth with the slip, |u| d(beta)/d|u|, in all cells [kg/m3/s]."""
-        laws = self.laws if density is None else self.laws.of(density.end)
-        return laws.steep_drag(state.alpha, state.u_g - state.u_s, self.line.gas_profile[0])
+        laws = self.laws if density is None else self.laws.with_density(density.end)
+        alpha, speed = np.maximum(state.alpha, SMALLEST_FRACTION), laws.speed(state.u_g - state.u_s)
+        return laws.drag_and_growth(alpha, speed, self.line.gas_profile[0])
 
     # -- masses --------------------------------------------------------------------------------
 

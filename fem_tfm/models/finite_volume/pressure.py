@@ -21,8 +21,8 @@ from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
-from fem_tfm.models.finite_volume.laws import CellLaws
 from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Phase, State, Step
+from fem_tfm.models.pointwise import Pointwise
 
 # relative residual of the linear system, and the residual that ends it, over rho_g U^2
 TOLERANCE, SMALL_PRESSURE = 1e-6, 1e-9
@@ -65,7 +65,7 @@ class PressureProjection:
     compressible : the density of the gas follows the pressure
     """
 
-    def __init__(self, line: LineMesh, laws: CellLaws, compressible: bool = False) -> None:
+    def __init__(self, line: LineMesh, laws: Pointwise, compressible: bool = False) -> None:
         self.line, self.laws = line, laws
         # without an outlet nothing sets the level of the pressure in a gas of constant density
         self._level_is_free = not (line.has_outlet or compressible)

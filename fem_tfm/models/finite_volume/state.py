@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 type Indices = npt.NDArray[np.intp]
 
-# a phase that is absent moves as one of this fraction; a void has this granular temperature
-SMALLEST_FRACTION, SMALLEST_THETA = 1e-9, 1e-12
+# a phase that is absent moves as one of this fraction
+SMALLEST_FRACTION = 1e-9
 # grains below this fraction are not faster than the gas
 LONELY_FRACTION = 1e-6
 # relative residual of the linear systems of the transport equations
@@ -170,6 +170,11 @@ class SolidsDeformation:
     gradient: Array
     shear: Array
     dilation: Array
+
+    @property
+    def rates(self) -> tuple[Array, Array]:
+        """S:S and div u_s."""
+        return self.shear, self.dilation
 
 
 @dataclass(frozen=True)

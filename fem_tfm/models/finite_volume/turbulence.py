@@ -28,7 +28,6 @@ from fem_tfm.closures.turbulence.gas import Balance, Eddies
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
-from fem_tfm.models.finite_volume.laws import CellLaws
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
@@ -38,9 +37,8 @@ from fem_tfm.models.finite_volume.state import (
     TurbulenceCoefficients,
 )
 from fem_tfm.models.finite_volume.time_levels import TimeLevels
+from fem_tfm.models.pointwise import Invariants, Pointwise, dot, tangential
 
-# turbulent energy that grains leave to the gas, over U^2
-K_FLOOR = 2.5e-4
 # intensity below which no turbulence falls, with eddies as wide as the line
 LEAST_INTENSITY = 1e-5
 # largest step of ln X
@@ -66,24 +64,26 @@ class Turbulence:
         self,
         problem: UnsteadyProblem,
         line: LineMesh,
-        laws: CellLaws,
+        laws: Pointwise,
         transport: ScalarTransport,
     ) -> None:
         self.line, self.laws, self.problem = line, laws, problem
         self.transport = transport
-        self.gas_law, self.dispersed = laws.laws.turbulence, laws.laws.dispersed
+        self.gas_law, self.dispersed = laws.closures.turbulence, laws.closures.dispersed
         self._of_gas = _plain(self.gas_law.transported)
         self._of_solids = _plain(self.dispersed.transported) if laws.solids else ()
         self._edges = np.unique(line.cells.first[line.wall])
         self._height = line.wall_height
         self._floors = {}
         for phase in ("gas", "solids") if self._of_solids else ("gas",):
-            self._floors |= self._estimate(phase, laws.speed, LEAST_INTENSITY, laws.width)
+            self._floors |= self._estimate(
+                phase, line.velocity_scale, LEAST_INTENSITY, laws.diameter
+            )
 
     @staticmethod
-    def is_needed(laws: CellLaws) -> bool:
+    def is_needed(laws: Pointwise) -> bool:
         """Whether there is more than an algebraic viscosity of the gas."""
-        found = laws.laws
+        found = laws.closures
         return bool(
             found.turbulence.transported
             or (laws.solids and (found.dispersed.needs_k or found.dispersion.name != "none"))
@@ -91,17 +91,17 @@ class Turbulence:
 
     def initial(self) -> dict[str, Array]:
         """Turbulence of the intensity of what enters, in all cells."""
-        found = self._entering("gas", self.laws.speed)
+        found = self._entering("gas", self.line.velocity_scale)
         if self._of_solids:
-            found |= self._entering("solids", self.laws.speed)
+            found |= self._entering("solids", self.line.velocity_scale)
         return {name: np.full(self.line.cells.count, value) for name, value in found.items()}
 
     def _entering(self, phase: str, speed: float) -> dict[str, float]:
         """Scales of what enters of a phase at a mean speed [m/s]."""
         given, laws = self.problem, self.laws
         intensity = given.gas_intensity if phase == "gas" else given.solids_intensity
-        speed = max(speed, LEAST_INTENSITY * laws.speed)
-        return self._estimate(phase, speed, intensity, given.length_scale * laws.width)
+        speed = max(speed, LEAST_INTENSITY * self.line.velocity_scale)
+        return self._estimate(phase, speed, intensity, given.length_scale * laws.diameter)
 
     def _estimate(
         self, phase: str, speed: float, intensity: float, length: float
@@ -121,25 +121,24 @@ class Turbulence:
         relative : density of the gas over the reference [-], None where it is constant
         """
         line, cells, at = self.line, self.line.cells, levels.predicted
-        laws = self.laws if relative is None else self.laws.of(relative)
+        laws = self.laws if relative is None else self.laws.with_density(relative)
         gradient = cells.ghosted(cells.gradient(levels.now.u_g))
         later = gradient if levels.previous is None else cells.ghosted(cells.gradient(at.u_g))
         scales = [at.scales[name] for name in self._of_gas]
-        eddies = laws.eddies(self._mirrored(later), *line.gas_profile, *scales)
+        gas_rate = Invariants(self._mirrored(later))
+        eddies = laws.eddies(gas_rate, *line.gas_profile, *scales)
         eddies = self._at_wall(eddies, at, laws)
         grains = self._grains(at, laws) if laws.solids else None
-        gas = self._met(eddies)
+        gas = laws.gas_eddies(eddies)
         balances = self._balances(eddies, gas, grains)
         nu_s, spread, drag, normal = 0.0, None, None, None
         if grains is not None:
             nu_s = self.dispersed.viscosity(gas, grains)
-            if laws.laws.dispersion.name != "none":
-                diffusivity = laws.laws.dispersion.diffusivity(gas, grains, nu_s)
-                spread = grains.specific * diffusivity / (1 - grains.alpha)
+            if laws.closures.dispersion.name != "none":
+                spread = laws.dispersion(gas, grains, nu_s)
                 drag = grains.specific * grains.alpha
-            share = self.dispersed.normal_stress if self._of_solids else 0.0
-            if share:
-                normal = {name: share * 2 / 3 * at.scales[name] for name in ("k", "k_s")}
+            if self._of_solids and self.dispersed.normal_stress:
+                normal = {name: laws.eddy_pressure(at.scales[name]) for name in ("k", "k_s")}
         stiffness = {}
         for name, rate in self._rates_beside(eddies, gas, grains).items():
             stiffness[name] = np.maximum((balances[name].rate - rate) / SMALL_RISE["k"], 0.0)
@@ -158,22 +157,13 @@ class Turbulence:
             relative,
         )
 
-    def _met(self, eddies: Eddies) -> GasEddies:
-        """Gas turbulence as the grains meet it."""
-        density = eddies.gas.density
-        nu_t = self.gas_law.viscosity(eddies) / density
-        return GasEddies(eddies.k, eddies.eps, nu_t, density, K_FLOOR * self.laws.speed**2)
-
     def _balances(
         self, eddies: Eddies, gas: GasEddies, grains: Grains | None, which: str = "both"
     ) -> dict[str, Balance]:
         """Transport of the scales of "gas", "solids" or "both"."""
         found = {}
         if which != "solids":
-            gain = 0.0
-            if grains is not None and self.dispersed.needs_k:
-                gain = self.dispersed.gain(gas, grains)
-            found |= self.gas_law.balances(eddies, gain)
+            found |= self.laws.gas_balances(eddies, gas, grains)
         if which != "gas" and grains is not None:
             found |= self.dispersed.balances(gas, grains)
         return {name.removeprefix("ln_"): balance for name, balance in found.items()}
@@ -185,37 +175,35 @@ class Turbulence:
         found = {}
         if self._of_gas:
             risen = _risen(eddies)
-            found |= self._balances(risen, self._met(risen), grains, "gas")
+            found |= self._balances(risen, self.laws.gas_eddies(risen), grains, "gas")
         if self._of_solids:
             risen = replace(grains, eddies=_risen(grains.eddies))
             found |= self._balances(eddies, gas, risen, "solids")
         return {name: balance.rate for name, balance in found.items()}
 
-    def _grains(self, now: State, laws: CellLaws) -> Grains:
+    def _grains(self, now: State, laws: Pointwise) -> Grains:
         """What the laws of dispersed turbulence see of the solids."""
         line, cells = self.line, self.line.cells
         slip, alpha = now.u_g - now.u_s, np.maximum(now.alpha, SMALLEST_FRACTION)
-        speed = laws.slip_speed(slip)
         g0, kinetic = laws.kinetic(alpha, now.theta)
         crowding = cells.ghosted(cells.gradient(now.alpha))
         # no mesh knows how steep a front is that is thinner than its cells
-        steepest = np.einsum("ni,ni->n", crowding, crowding) * cells.volume ** (2 / 3) / 4
-        crowding = np.einsum("ni,ni->n", slip, crowding) / np.sqrt(alpha**2 + steepest)
+        steepest = dot(crowding, crowding) * cells.volume ** (2 / 3) / 4
+        drift = -dot(slip, crowding) / np.sqrt(alpha**2 + steepest)
         eddies = None
         if self._of_solids:
             gradient = self._mirrored(cells.ghosted(cells.gradient(now.u_s)))
             scales = (now.scales[name] for name in self._of_solids)
-            eddies = laws.eddies(gradient, line.wall_distance, 1.0, *scales)
-        return Grains(
-            alpha=alpha,
-            theta=now.theta,
-            g0=g0,
-            specific=laws.drag(alpha, speed, line.gas_profile[0]) / alpha,
-            slip=speed,
-            drift=-crowding,
-            solids=laws.solids,
-            viscosity=kinetic.shear_viscosity / (alpha * laws.solids.density),
-            eddies=eddies,
+            eddies = laws.eddies(Invariants(gradient), line.wall_distance, 1.0, *scales)
+        return laws.grains(
+            alpha,
+            now.theta,
+            g0,
+            kinetic.shear_viscosity,
+            laws.speed(slip),
+            line.gas_profile[0],
+            drift,
+            eddies,
         )
 
     def _mirrored(self, gradient: Array) -> Array:
@@ -230,12 +218,12 @@ class Turbulence:
         part = cells.parts["symmetry"]
         edge, normal = cells.first[part], line.normal[part]
         slope = np.einsum("nij,nj->ni", gradient[edge], normal)
-        slope -= np.einsum("ni,ni->n", slope, normal)[:, None] * normal
+        slope = tangential(slope, normal)
         found = gradient.copy()
         np.subtract.at(found, edge, 0.5 * slope[:, :, None] * normal[:, None, :])
         return cells.update_ghosts(found)
 
-    def _at_wall(self, eddies: Eddies, now: State, laws: CellLaws) -> Eddies:
+    def _at_wall(self, eddies: Eddies, now: State, laws: Pointwise) -> Eddies:
         """Eddies whose shear in the wall's cells knows of the wall, as their gradient does not.
 
         S = min(S_w/2 + S_g, max(S_w, S_g)), by the traction of the wall, (mu + mu_t) S_w, and by
@@ -246,12 +234,11 @@ class Turbulence:
         if not line.has_wall or not self._of_gas:
             return eddies
         first = cells.first[line.wall]
-        within = _at(eddies, edges, laws.within(edges).gas)
-        slip = laws.slip(now.u_g[first], line.normal[line.wall])
+        within = _at(eddies, edges, laws.at(edges).gas)
+        slip = laws.speed(tangential(now.u_g[first], line.normal[line.wall]))
         friction = laws.gas.viscosity / self._height
-        if not laws.laws.gas_wall.strong:
-            beside = laws.within(first)
-            friction = beside.gas_friction(1.0, slip, self._height, eddies.k[first])
+        if not laws.closures.gas_wall.strong:
+            friction = laws.at(first).gas_wall_friction(slip, self._height, eddies.k[first])
         squares = np.zeros(cells.owned)
         np.add.at(squares, first, (friction * slip) ** 2)
         traction = np.sqrt(squares[edges])
@@ -259,7 +246,7 @@ class Turbulence:
         def sheared(strain: Array) -> Array:
             """Shear of the layer with the viscosity at another."""
             eddy = 0.0
-            if not laws.laws.gas_wall.strong:
+            if not laws.closures.gas_wall.strong:
                 eddy = self.gas_law.viscosity(_strained(within, strain))
             return traction / (laws.gas.viscosity + eddy)
 
@@ -365,10 +352,10 @@ class Turbulence:
             return None
         laws, edges = self.laws, self._edges
         if coefficients.relative_density is not None:
-            laws = laws.of(coefficients.relative_density).within(edges)
+            laws = laws.with_density(coefficients.relative_density).at(edges)
         k = found[self._of_gas[0]][edges]
         distance = self.line.gas_profile[0][edges]
-        eddies = Eddies(None, distance, laws.gas, laws.width / 2, k=k)
+        eddies = Eddies(None, distance, laws.gas, laws.diameter / 2, k=k)
         values = self.gas_law.wall_values(eddies)
         if f"ln_{name}" not in values:
             return None

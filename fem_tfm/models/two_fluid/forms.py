@@ -35,8 +35,8 @@ from fem_tfm.materials import Gas, Solids
 from fem_tfm.models.axis import Axis
 from fem_tfm.models.pointwise import (
     ClosureSet,
-    Deformation,
     GranularEnergy,
+    Invariants,
     Pointwise,
     Regularisation,
     SolidsCoefficients,
@@ -207,7 +207,7 @@ class TwoFluidForms:
         """The solids at a state."""
         alpha, theta = self.alpha(state), self.theta(state)
         rate = self.rate(state, "u_s")
-        square, dilation = Deformation(rate).square, ufl.tr(rate)
+        square, dilation = Invariants(rate).square, ufl.tr(rate)
         found = Solid(
             **vars(self.at_point.coefficients(alpha, theta, square, dilation)),
             alpha=alpha,
@@ -240,7 +240,7 @@ class TwoFluidForms:
     def eddies(self, state: State) -> Eddies:
         """What the gas's law of turbulence sees, in the coordinates of the stretched profile."""
         scales = () if state.ln_k is None else (ufl.exp(state.ln_k), ufl.exp(state.ln_eps))
-        rate = Deformation(self.rate(state, "u_g"))
+        rate = Invariants(self.rate(state, "u_g"))
         return self.at_point.eddies(rate, *self.stretch(), *scales)
 
     def gas_eddies(self, state: State) -> GasEddies:
@@ -257,7 +257,7 @@ class TwoFluidForms:
         if state.ln_k_s is not None:
             scales = ufl.exp(state.ln_k_s), ufl.exp(state.ln_eps_s)
             distance = self.domain.wall_distance
-            eddies = self.at_point.eddies(Deformation(solid.rate), distance, 1.0, *scales)
+            eddies = self.at_point.eddies(Invariants(solid.rate), distance, 1.0, *scales)
         return self.at_point.grains(
             solid.alpha,
             solid.theta,
@@ -498,8 +498,8 @@ class TwoFluidForms:
 
     def wall_state(self, state: State, solid: Solid) -> WallState:
         """What the solids' wall law sees."""
-        speed = self.at_point.speed(tangential(state.u_s, self.domain.normal))
-        return WallState(solid.alpha, solid.theta, solid.g0, solid.p_f, speed)
+        slip = tangential(state.u_s, self.domain.normal)
+        return self.at_point.wall_state(solid.alpha, solid.theta, solid, slip)
 
     def solids_wall_traction(self, state: State) -> Expr:
         """c u_t, minus the traction of the wall on the solids [Pa]."""
