@@ -71,7 +71,9 @@ class Gas(Parameters):
     """
 
     density: float = parameter(MISSING, "kg/m3", "density", gt=0, le=2000)
-    viscosity: float = parameter(MISSING, "Pa s", "dynamic viscosity, default that of the species", gt=0, le=1)
+    viscosity: float = parameter(
+        MISSING, "Pa s", "dynamic viscosity, default that of the species", gt=0, le=1
+    )
     pressure: float | None = parameter(
         None, "Pa", "absolute pressure of an ideal gas", gt=0, le=1e9
     )
@@ -91,7 +93,9 @@ class Gas(Parameters):
                 words = "no pressure beside gas.density; give gas.species for an ideal gas"
                 raise InputError("gas.pressure", self.pressure, words)
             if self.compressible:
-                words = "false beside gas.density; give gas.species or gas.gas_constant in its place"
+                words = (
+                    "false beside gas.density; give gas.species or gas.gas_constant in its place"
+                )
                 raise InputError("gas.compressible", True, words)
             return
         if self.pressure is None:
@@ -172,12 +176,16 @@ class Gas(Parameters):
             given.setdefault("viscosity", known.viscosity(temperature))
 
     def to_table(self) -> dict[str, Any]:
-        """The table [gas] from which `from_table` makes the same gas."""
+        """The table [gas] from which `from_table` makes the same gas, without what follows."""
         found = {
             key_of(type(self), f).removeprefix("gas."): getattr(self, f.name) for f in fields(self)
         }
         if self.name is not None or self.gas_constant is not None:
             del found["density"]
+        if self.name is not None and self.viscosity == _species(self.name).viscosity(
+            self.temperature
+        ):
+            del found["viscosity"]
         return found
 
     def bound(self, wrap: Callable[[float], Any]) -> Self:

@@ -250,7 +250,7 @@ def _kind_in_words(kind: Any) -> str:
 
 
 def _class_names(cls: Any) -> list[str]:
-    """Names of a class of objects that a user states and of its subclasses; abstract ones fall out."""
+    """Names of a class that a user states and of its subclasses, without abstract ones."""
     if not (isinstance(cls, type) and issubclass(cls, Parameters)):
         return []
     own = [] if inspect.isabstract(cls) else [cls.__name__]

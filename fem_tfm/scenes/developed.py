@@ -391,8 +391,11 @@ register(
         DuctGas,
         DEFAULTS,
         (
-            *UNREAD, *GAS_UNREAD, "output.stations", "operation.outlet_pressure",
+            *UNREAD,
+            *GAS_UNREAD,
+            "output.stations",
+            "operation.outlet_pressure",
             "heat.wall_temperature",
-        ),  # fmt: skip
+        ),
     )
 )

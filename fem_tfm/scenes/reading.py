@@ -103,13 +103,13 @@ def _build(cls: Any, values: Mapping[str, Any], kind: Kind) -> Any:
     made: dict[str, Any] = {}
     for f in fields(cls):
         parts = parts_of(cls, f, kind)
-        value = _part(cls, f, parts[0], values, kind) if parts else _value(cls, f, values, kind)
+        value = _part(f, parts[0], values, kind) if parts else _value(cls, f, values, kind)
         if value is not None:
             made[f.name] = value
     return cls(**made)
 
 
-def _part(cls: Any, f: Field[Any], part: Any, values: Mapping[str, Any], kind: Kind) -> Any:
+def _part(f: Field[Any], part: Any, values: Mapping[str, Any], kind: Kind) -> Any:
     """The object that a field holds, None where its table may be left out and is."""
     if part.table and part.table not in values:
         if f.default is None:
@@ -123,7 +123,7 @@ def _part(cls: Any, f: Field[Any], part: Any, values: Mapping[str, Any], kind: K
 
 
 def _value(cls: Any, f: Field[Any], values: Mapping[str, Any], kind: Kind) -> Any:
-    """The value of a field, None where it is left out; a list of tables makes a tuple of objects."""
+    """The value of a field, None where it is left out; of a list of tables a tuple of objects."""
     key, found = key_of(cls, f), values
     for name in key.split("."):
         found = found.get(name) if isinstance(found, Mapping) else None  # type: ignore[assignment]

@@ -203,13 +203,22 @@ class Scene(Parameters, ABC):
     def advice(self) -> list[str]:
         """What the user probably did not mean, one sentence each."""
 
-    @abstractmethod
     def mesh_model(self) -> GmshModel:
-        """The mesh as Gmsh makes it (the finest, where there are several)."""
+        """The mesh as Gmsh makes it (the finest, where there are several).
 
-    @abstractmethod
+        Raises InputError for a scene that has no mesh.
+        """
+        raise self._without_mesh()
+
     def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
-        """The mesh (the finest, where there are several); collective."""
+        """The mesh (the finest, where there are several); collective.
+
+        Raises InputError for a scene that has no mesh.
+        """
+        raise self._without_mesh()
+
+    def _without_mesh(self) -> InputError:
+        return InputError("solution", self.solution, f"a scene with a mesh; {self.kind} has none")
 
     def run(
         self,

@@ -134,10 +134,10 @@ class Observed:
     def __init__(self, shape: str, kind: str) -> None:
         self.flow = flow = flowing(shape, kind)
         self.line, self.cells, self.on = flow.line, flow.cells, FacetForms(flow.cells)
-        blocked = "blocked" in kind
-        feed = Inflow(6.43, 0.2, 6.0, blocked, sources(flow))
+        given = Inflow(6.43, 0.2, 6.0, sources=sources(flow))
         for _ in range(2):
-            flow.advance(DT, feed)
+            flow.advance(DT, given)
+        feed = replace(given, blocked="blocked" in kind)
         self.recorder = recorder = Recorder()
         with pytest.MonkeyPatch.context() as patch:
             recorder.watch_solvers(patch)
