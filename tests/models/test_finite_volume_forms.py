@@ -19,19 +19,18 @@ from dolfinx import fem
 from fem_tfm import Case
 from fem_tfm.closures.turbulence.gas import Eddies
 from fem_tfm.fenics import compile_form
-from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow, UnsteadyProblem, forms, fraction
+from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow, forms, fraction
 from fem_tfm.models.finite_volume.cells import transport
 from fem_tfm.models.finite_volume.cells.facets import PARTS, Face, FacetForms
 from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
-    SMALLEST_THETA,
     Density,
     Sources,
     State,
 )
-from fem_tfm.models.pointwise import VOID_FRACTION, Deformation, Pointwise, Regularisation
+from fem_tfm.models.pointwise import Invariants, Pointwise
 
 # largest difference over the largest entry
 CLOSE = 1e-12
@@ -159,7 +158,7 @@ class Observed:
             if flow.ideal_gas:
                 recorder.watch(patch, flow.ideal_gas, "balance", "ideal gas")
             flow.advance(DT, feed)
-        self.point = point_of(flow.problem)
+        self.point = flow.problem.pointwise()
         self.feed, self.inflow = feed, forms.inflow_fields(self.on, feed, flow.line)
 
     def call(self, name: str) -> tuple[SimpleNamespace, Any]:
@@ -205,14 +204,6 @@ def flowing(shape: str, kind: str) -> UnsteadyFlow:
     axis = flow.mesh.axis(flow.cells.centre)
     flow.set_velocities(4.0 * axis + smooth(3), 6.0 * axis + 2.0 * smooth(3))
     return flow
-
-
-def point_of(problem: UnsteadyProblem) -> Pointwise:
-    """The laws of a problem at a point."""
-    scales = problem.gas_velocity, problem.diameter, problem.solids, SMALLEST_THETA
-    gap = problem.grain_gap / problem.solids.diameter
-    floors = Regularisation.scaled(*scales, gap, void_fraction=VOID_FRACTION)
-    return Pointwise(problem.gas, problem.solids, problem.closures, floors, problem.diameter)
 
 
 def sources(flow: UnsteadyFlow) -> Sources:
@@ -697,7 +688,7 @@ def test_turbulence_of_a_state_is_that_of_the_laws_in_ufl(shape: str, kind: str)
         gradient = mirrored_gradient(step, cells.gradient(given.levels.predicted.u_s))
         scales = at.scales["k_s"], at.scales["eps_s"]
         distance = on.cell(line.wall_distance)
-        of_solids = point.eddies(Deformation(gradient), distance, 1.0, *scales)
+        of_solids = point.eddies(Invariants(gradient), distance, 1.0, *scales)
     crowding = on.cell(cells.gradient(given.levels.predicted.alpha))
     size = on.cell(cells.volume ** (1 / 3))
     grains = forms.dispersed_solids(point, at, crowding, size, height, of_solids)
@@ -739,7 +730,7 @@ def wall_eddies_of(step: Observed, at: SimpleNamespace, predicted: State) -> Edd
     on, line, point = step.on, step.line, step.local_point
     gradient = mirrored_gradient(step, step.cells.gradient(predicted.u_g))
     scales = at.scales["k"], at.scales["eps"]
-    eddies = point.eddies(Deformation(gradient), *step.profile, *scales)
+    eddies = point.eddies(Invariants(gradient), *step.profile, *scales)
     height = on.face(on.on_part("wall", line.wall_height)).edge
     friction = forms.gas_wall(on, point, 1.0, at.u_g, height, at.scales["k"])
     w = ufl.TestFunction(on.scalars)

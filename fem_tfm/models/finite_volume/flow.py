@@ -100,7 +100,7 @@ class UnsteadyFlow:
         """Put both phases at rest, at time zero.
 
         alpha, p : solids fraction [-] and pressure [Pa], numbers or arrays over all cells
-        theta : granular temperature, None for the smallest [m2/s2]
+        theta : granular temperature [m2/s2], None for the smallest
         """
         cells = self.cells
         zero, flux = np.zeros(cells.count), np.zeros(cells.face_count)
@@ -285,8 +285,7 @@ class UnsteadyFlow:
     def drag(self, state: State, density: RelativeDensity | None = None) -> tuple[Array, Array]:
         """beta and its growth with the slip, |u| d(beta)/d|u|, in all cells [kg/m3/s]."""
         laws = self.laws if density is None else self.laws.with_density(density.end)
-        alpha = np.maximum(state.alpha, SMALLEST_FRACTION)
-        speed = laws.speed(state.u_g - state.u_s)
+        alpha, speed = np.maximum(state.alpha, SMALLEST_FRACTION), laws.speed(state.u_g - state.u_s)
         return laws.drag_and_growth(alpha, speed, self.line.gas_profile[0])
 
     # -- masses --------------------------------------------------------------------------------

@@ -36,8 +36,8 @@ from fem_tfm.models.finite_volume.state import (
 from fem_tfm.models.finite_volume.time_levels import TimeLevels
 from fem_tfm.models.finite_volume.turbulence import LARGEST_STEP, SMALLEST_CHANGE
 from fem_tfm.models.pointwise import (
-    Deformation,
     GranularEnergy,
+    Invariants,
     Pointwise,
     SolidsCoefficients,
     tangential,
@@ -174,7 +174,7 @@ def drag_coefficients(point: Pointwise, alpha: Any, slip: Any, height: Any) -> t
 
 def gas_viscosity(point: Pointwise, gradient: Any, profile: tuple[Any, Any]) -> Any:
     """mu_g + mu_t of an algebraic law at height y' of a profile stretched by dy'/dy [Pa s]."""
-    return point.gas_viscosity(point.eddies(Deformation(gradient), *profile), profile[1])
+    return point.gas_viscosity(point.eddies(Invariants(gradient), *profile), profile[1])
 
 
 def solids_wall(

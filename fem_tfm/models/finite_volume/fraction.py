@@ -127,9 +127,9 @@ class _Equation:
 
     def _pressure(self, alpha: Array) -> Array:
         """Solids pressure [Pa] at a fraction, at the predicted granular temperature."""
-        theta, deformation = self.step.levels.predicted.theta, self.step.deformation
-        p_s = self.laws.solids_pressure(alpha, theta, *deformation.rates)
-        return p_s + alpha * self.laws.solids.density * self._normal_stress
+        theta, rates = self.step.levels.predicted.theta, self.step.deformation.rates
+        eddies = alpha * self.laws.solids.density * self._normal_stress
+        return self.laws.solids_pressure(alpha, theta, *rates) + eddies
 
     def _pressure_stiffness(self) -> Array:
         """d(p_s)/dw >= 0 [Pa]."""

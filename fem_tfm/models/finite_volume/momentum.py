@@ -207,10 +207,8 @@ class Momentum:
         edge, wall = line.cells.first[line.wall], line.wall
         if laws.closures.solids_wall.strong:
             return viscosity[edge] * line.cells.face_weight[wall]
-        slip = tangential(state.u_s[edge], line.normal[wall])
-        at_wall = laws.wall_state(
-            np.maximum(state.alpha, 0.0), state.theta, coefficients, slip, edge
-        )
+        alpha, slip = np.maximum(state.alpha, 0.0), tangential(state.u_s[edge], line.normal[wall])
+        at_wall = laws.wall_state(alpha, state.theta, coefficients, slip, edge)
         return laws.solids_wall_friction(at_wall) * line.cells.face_area[wall]
 
     def _gas(self, step: Step, face_fraction: Array) -> Phase:
@@ -256,14 +254,17 @@ class Momentum:
             viscosity = (laws.gas.viscosity + step.turbulence.mu_t) / line.gas_profile[1]
             return viscosity, step.turbulence.gradient
         gradient = cells.ghosted(cells.gradient(levels.now.u_g))
-        height, slope = line.gas_profile
-        viscosity = laws.gas_viscosity(laws.eddies(Invariants(gradient), height, slope), slope)
+        viscosity = self._algebraic_viscosity(laws, gradient)
         if levels.previous is not None:
             before = cells.ghosted(cells.gradient(levels.previous.u_g))
-            eddies = laws.eddies(Invariants(before), height, slope)
-            before = laws.gas_viscosity(eddies, slope)
+            before = self._algebraic_viscosity(laws, before)
             viscosity = levels.extrapolate(viscosity, before)
         return viscosity, gradient
+
+    def _algebraic_viscosity(self, laws: Pointwise, gradient: Array) -> Array:
+        """Viscosity of an algebraic law at grad u_g [Pa s]."""
+        height, slope = self.line.gas_profile
+        return laws.gas_viscosity(laws.eddies(Invariants(gradient), height, slope), slope)
 
     def _wall_friction_of_gas(self, step: Step, laws: Pointwise, viscosity: Array) -> Array:
         """Tangential force over velocity on the wall's faces [kg/s]."""

@@ -56,7 +56,7 @@ class UnsteadyProblem:
 
     def pointwise(self) -> Pointwise:
         """Coefficients of both phases in cells, regularised by the scales of the problem."""
-        floors = Regularisation.scaled(
+        regularisation = Regularisation.scaled(
             self.gas_velocity,
             self.diameter,
             self.solids,
@@ -65,4 +65,4 @@ class UnsteadyProblem:
             self.grain_gap,
             void_fraction=VOID_FRACTION,
         )
-        return Pointwise(self.gas, self.solids, self.closures, floors, self.diameter)
+        return Pointwise(self.gas, self.solids, self.closures, regularisation, self.diameter)

@@ -9,8 +9,6 @@ Sinks are divided by the Theta of the coefficients and multiplied by the new one
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from fem_tfm.models.finite_volume.cells.line import LineMesh
@@ -54,13 +52,11 @@ class GranularTemperature:
             the linear solver does not converge.
         """
         line, laws, solids = self.line, self.laws, step.solids
-        own, theta = line.own, step.state.theta
-        dilation = self._dilation(step)
-        deformation = replace(step.deformation, dilation=dilation)
-        alpha = np.maximum(solids.alpha, 0.0)
-        coefficients = laws.coefficients(alpha, theta, *deformation.rates)
+        own, theta, shear = line.own, step.state.theta, step.deformation.shear
+        alpha, dilation = np.maximum(solids.alpha, 0.0), self._dilation(step)
+        coefficients = laws.coefficients(alpha, theta, shear, dilation)
         if laws.closures.theta == "algebraic":
-            found = laws.algebraic_theta(alpha, coefficients.g0, deformation.shear, step.drag)
+            found = laws.algebraic_theta(alpha, coefficients.g0, shear, step.drag)
             return self._bounded(found, alpha), 0
         start, density = step.levels.start, laws.solids.density
         inertia = 1.5 * density * np.maximum(start.alpha[own], SMALLEST_FRACTION)
@@ -80,12 +76,6 @@ class GranularTemperature:
         )
         return line.cells.ghosted(self._bounded(values, alpha[own])), iterations
 
-    def _bounded(self, theta: Array, alpha: Array) -> Array:
-        """Theta above its floor; single grains in a void are not faster than the gas."""
-        single = alpha < LONELY_FRACTION
-        theta[single] = np.minimum(theta[single], self.line.velocity_scale**2)
-        return np.maximum(theta, self.laws.regularisation.theta_floor)
-
     def _dilation(self, step: Step) -> Array:
         """div u_s [1/s] that feeds the granular energy: the larger of two, where they disagree.
 
@@ -103,11 +93,12 @@ class GranularTemperature:
         self, step: Step, coefficients: SolidsCoefficients, dilation: Array
     ) -> tuple[Array, Array]:
         """Sinks over Theta [kg/s] and sources [W] of the owned cells."""
-        own, volume = self.line.own, self.line.volume
-        theta, shear = step.state.theta, step.deformation.shear
-        made = self.laws.granular_energy(coefficients, theta, shear, dilation, step.drag)
-        sink = made.decay + np.maximum(made.compression, 0.0) / theta
-        source = made.production + np.maximum(-made.compression, 0.0)
+        own, volume, theta = self.line.own, self.line.volume, step.state.theta
+        energy = self.laws.granular_energy(
+            coefficients, theta, step.deformation.shear, dilation, step.drag
+        )
+        sink = energy.decay + np.maximum(energy.compression, 0.0) / theta
+        source = energy.production + np.maximum(-energy.compression, 0.0)
         given = step.inflow.sources.energy
         sink = sink[own] * volume + np.maximum(-given, 0.0) / theta[own] * volume
         return sink, (source[own] + np.maximum(given, 0.0)) * volume
@@ -124,3 +115,9 @@ class GranularTemperature:
         heat = laws.solids_wall_heat(wall) * cells.face_area[line.wall]
         cells.add_boundary("wall", rhs, np.maximum(heat, 0.0))
         cells.add_boundary("wall", diagonal, np.maximum(-heat, 0.0) / state.theta[edge])
+
+    def _bounded(self, theta: Array, alpha: Array) -> Array:
+        """Theta above its floor; single grains in a void are not faster than the gas."""
+        single = alpha < LONELY_FRACTION
+        theta[single] = np.minimum(theta[single], self.line.velocity_scale**2)
+        return np.maximum(theta, self.laws.regularisation.theta_floor)

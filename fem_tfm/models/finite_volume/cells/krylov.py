@@ -41,9 +41,11 @@ class Krylov:
     matrix : of the equations
     method : "transport" (BiCGStab, incomplete LU of each rank's part) or "pressure" (conjugate
         gradients, algebraic multigrid with Richardson and SOR smoothing)
-    tolerance : of the residual over that of the right-hand side
+    tolerance : of the residual over the right-hand side
 
-    PETSc's options begin with fem_tfm_cells_transport_ or fem_tfm_cells_pressure_.
+    Attributes
+    ----------
+    iterations : of the last solution
     """
 
     def __init__(self, matrix: CellMatrix, method: str, tolerance: float) -> None:
