@@ -85,7 +85,7 @@ def test_an_unread_key_is_refused_with_its_readers(kind: Any, name: str) -> None
 
 IGNORED = {
     ("dense", "unsteady"): [
-        "numerics.theta_floor", "numerics.capture", "numerics.damping", "numerics.alpha_diffusion",
+        "numerics.capture", "numerics.damping", "numerics.alpha_diffusion",
         "numerics.tolerance", "numerics.max_steps", "numerics.quadrature_degree",
         "numerics.axial_step", "numerics.axial_accuracy", "output.stations",
     ],
