@@ -317,7 +317,7 @@ def sweep_picture(
     figure = Figure(figsize=(3.9 * columns, 3.0 * rows + 0.5), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, name in zip(grid, shown, strict=False):
-        _lines(axes, table, varied, name)
+        plot_lines(axes, table, varied, name)
         axes.set_xlabel(_with_unit(varied[0], units), fontsize=9)
         axes.set_ylabel(_with_unit(name, units), fontsize=9)
     for axes in grid[len(shown) :]:
@@ -426,7 +426,9 @@ def _with_unit(name: str, units: Mapping[str, str]) -> str:
     return f"{words} [{units[name]}]" if units.get(name) else words
 
 
-def _lines(axes: Axes, table: Mapping[str, Sequence[Any]], varied: list[str], name: str) -> None:
+def plot_lines(
+    axes: Axes, table: Mapping[str, Sequence[Any]], varied: list[str], name: str
+) -> None:
     """One line for each combination of the other varied values; only markers for names."""
     x, y = np.asarray(table[varied[0]]), np.asarray(table[name], dtype=float)
     others = [[str(v) for v in table[other]] for other in varied[1:]]

@@ -237,7 +237,7 @@ def test_jacobian_of_a_station(chosen: dict[str, Any]) -> None:
     along = random.standard_normal(x.size)
     for condition in newton.bcs:
         condition.set(along, alpha=0.0)
-    newton._factor()
+    newton.factor()
     vector, product = newton.rhs.duplicate(), newton.rhs.duplicate()
     vector.array[:] = along[: newton.rhs.local_size]
     newton.matrix.mult(vector, product)

@@ -199,7 +199,7 @@ class ReynoldsStressSection(section.Section):
             "d": (SHEAR * speed / self.mesh.section.hydraulic_diameter,),
             "q": (1.0, 1.0),
         }
-        dofs = dict(zip(self.names, self._dofs, strict=True))
+        dofs = dict(zip(self.names, self.owned_dofs, strict=True))
         follows = ("p", "d")
         return [Block(n, dofs[n], *scales[n], follows=n in follows) for n in self.names]
 

@@ -228,7 +228,7 @@ class TwoFluidSection(section.Section):
         scales = {"u_g": (speed,), "p": (head,), "u_s": (speed,)}
         scales |= {"q": (1.0, 1.0), "c": (0.2 * speed,)}
         scales |= dict.fromkeys(SCALES, (1.0, 1.5))
-        dofs = dict(zip(self.names, self._dofs, strict=True))
+        dofs = dict(zip(self.names, self.owned_dofs, strict=True))
         return [Block(n, dofs[n], *scales[n], follows=n == "p") for n in self.names]
 
     # -- what others read ----------------------------------------------------------------------
@@ -268,7 +268,7 @@ class TwoFluidSection(section.Section):
         if self.setup.solids is None:
             return {}
         x, comm = self.now.x.array, self.mesh.mesh.comm
-        q, c = (x[self._dofs[self.names.index(n)]].max(initial=-np.inf) for n in ("q", "c"))
+        q, c = (x[self.owned_dofs[self.names.index(n)]].max(initial=-np.inf) for n in ("q", "c"))
         q, c = comm.allreduce(q, MPI.MAX), comm.allreduce(c, MPI.MAX)
         floor = self.setup.numerics.theta_floor
         limit = self.setup.solids.packing_limit
