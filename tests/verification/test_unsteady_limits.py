@@ -16,12 +16,8 @@ from scipy.optimize import brentq
 from fem_tfm.closures import make
 from fem_tfm.materials import Gas
 from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow
-from fem_tfm.models.finite_volume.state import (
-    SMALLEST_FRACTION,
-    SolidsTransport,
-    Step,
-)
-from fem_tfm.models.finite_volume.time_levels import implicit_euler
+from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, SolidsTransport
+from fem_tfm.models.finite_volume.time_levels import Step, implicit_euler
 from fem_tfm.models.pointwise import tangential
 
 G = 9.81

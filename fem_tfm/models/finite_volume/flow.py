@@ -30,7 +30,6 @@ from fem_tfm.models.finite_volume.state import (
     Report,
     SolidsDeformation,
     State,
-    Step,
     StepFailed,
 )
 from fem_tfm.models.finite_volume.temperature import GranularTemperature
@@ -40,6 +39,7 @@ from fem_tfm.models.finite_volume.time_levels import (
     PREVIOUS_GAS_CELL_FIELDS,
     PREVIOUS_GAS_FACE_FIELDS,
     PreviousStep,
+    Step,
     TimeLevels,
 )
 from fem_tfm.models.finite_volume.turbulence import Turbulence

@@ -20,7 +20,8 @@ from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.scheme import FirstOrder
-from fem_tfm.models.finite_volume.state import LONELY_FRACTION, SolidsTransport, Step
+from fem_tfm.models.finite_volume.state import LONELY_FRACTION, SolidsTransport
+from fem_tfm.models.finite_volume.time_levels import Step
 from fem_tfm.models.pointwise import Pointwise
 
 # residual [-], change [-] and iterations of Newton's method

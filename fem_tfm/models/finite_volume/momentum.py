@@ -32,9 +32,8 @@ from fem_tfm.models.finite_volume.state import (
     TRANSPORT_TOLERANCE,
     Density,
     Phase,
-    Step,
 )
-from fem_tfm.models.finite_volume.time_levels import TimeLevels
+from fem_tfm.models.finite_volume.time_levels import Step, TimeLevels
 from fem_tfm.models.pointwise import Invariants, Pointwise, SolidsCoefficients, tangential
 
 # residual that ends the linear solver, over U in every cell

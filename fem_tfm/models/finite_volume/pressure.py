@@ -21,7 +21,8 @@ from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
-from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Phase, State, Step
+from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Phase, State
+from fem_tfm.models.finite_volume.time_levels import Step
 from fem_tfm.models.pointwise import Pointwise
 
 # relative residual of the linear system, and the residual that ends it, over rho_g U^2

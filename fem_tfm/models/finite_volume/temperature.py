@@ -15,11 +15,8 @@ from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
-from fem_tfm.models.finite_volume.state import (
-    LONELY_FRACTION,
-    SMALLEST_FRACTION,
-    Step,
-)
+from fem_tfm.models.finite_volume.state import LONELY_FRACTION, SMALLEST_FRACTION
+from fem_tfm.models.finite_volume.time_levels import Step
 from fem_tfm.models.pointwise import Pointwise, SolidsCoefficients, tangential
 
 

@@ -32,10 +32,9 @@ from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
     Density,
     State,
-    Step,
     TurbulenceCoefficients,
 )
-from fem_tfm.models.finite_volume.time_levels import TimeLevels
+from fem_tfm.models.finite_volume.time_levels import Step, TimeLevels
 from fem_tfm.models.pointwise import Invariants, Pointwise, dot, tangential
 
 # smallest intensity of turbulence, with eddies as wide as the line

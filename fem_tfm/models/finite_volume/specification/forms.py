@@ -22,9 +22,8 @@ import ufl
 from fem_tfm.closures.turbulence.dispersed import Grains
 from fem_tfm.closures.turbulence.gas import Eddies
 from fem_tfm.closures.walls.solids import WallState
-from fem_tfm.models.finite_volume.cells.facets import PARTS, Face, FacetForms, larger
 from fem_tfm.models.finite_volume.cells.line import LineMesh
-from fem_tfm.models.finite_volume.ideal_gas import GasBalance
+from fem_tfm.models.finite_volume.specification.facets import PARTS, Face, FacetForms, larger
 from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
     Density,
@@ -33,7 +32,7 @@ from fem_tfm.models.finite_volume.state import (
     Sources,
     TurbulenceCoefficients,
 )
-from fem_tfm.models.finite_volume.time_levels import TimeLevels
+from fem_tfm.models.finite_volume.time_levels import GasBalance, TimeLevels
 from fem_tfm.models.finite_volume.turbulence import LARGEST_STEP, SMALLEST_CHANGE
 from fem_tfm.models.pointwise import (
     GranularEnergy,
