@@ -19,10 +19,11 @@ from dolfinx import fem
 from fem_tfm import Case
 from fem_tfm.closures.turbulence.gas import Eddies
 from fem_tfm.fenics import compile_form
-from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow, forms, fraction
+from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow, fraction
 from fem_tfm.models.finite_volume.cells import transport
 from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.specification import forms
 from fem_tfm.models.finite_volume.specification.facets import PARTS, Face, FacetForms
 from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
