@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self
 
 from ufl.core.expr import Expr
 
@@ -57,6 +57,15 @@ SPECIES = {
 }
 # ways to state the density, of which a case file gives one
 DENSITIES = ("density", "species", "gas_constant")
+
+
+class Fluid(Protocol):
+    """What the laws see of a gas, whose density [kg/m3] may differ from point to point."""
+
+    @property
+    def density(self) -> Any: ...
+    @property
+    def viscosity(self) -> Any: ...
 
 
 @dataclass(frozen=True)

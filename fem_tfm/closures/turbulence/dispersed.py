@@ -74,10 +74,12 @@ class Dispersed(Closure):
 
     transported : names of the logarithms that it makes unknowns
     needs_k : it asks for a gas turbulence that transports k
+    normal_stress : share of 2/3 a rho k in the stress of each phase [-]
     """
 
     transported: ClassVar[tuple[str, ...]] = ()
     needs_k: ClassVar[bool] = True
+    normal_stress: float = 0.0
 
     @abstractmethod
     def viscosity(self, gas: GasEddies, grains: Grains) -> Value:

@@ -156,9 +156,10 @@ class TwoFluid(Parameters):
     def bound(self, wrap: Callable[[float], Any]) -> Self:
         """The same laws with every parameter wrapped, so that a change recompiles no form."""
         laws = {f.name: getattr(self, f.name) for f in fields(self)}
-        return replace(
-            self, **{n: one.bound(wrap) for n, one in laws.items() if isinstance(one, Closure)}
-        )
+        bound: dict[str, Any] = {
+            name: one.bound(wrap) for name, one in laws.items() if isinstance(one, Closure)
+        }
+        return replace(self, **bound)
 
     def laws(self) -> Iterator[Closure]:
         """The laws that are used: those of the gas, and those of the solids where there are any."""
