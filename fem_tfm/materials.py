@@ -211,7 +211,7 @@ def _species(name: str) -> Species:
 
 
 def _allowed(cls: type[Parameters], name: str) -> str:
-    return allowed(cls, next(f for f in fields(cls) if f.name == name))  # type: ignore[arg-type]
+    return allowed(cls, next(f for f in fields(cls) if f.name == name))
 
 
 @dataclass(frozen=True)

@@ -101,6 +101,7 @@ class Sections:
         centre: npt.NDArray[np.float64],
         layers: int,
     ) -> None:
+        assert mesh.length is not None
         self.comm, self.places = mesh.mesh.comm, tuple(places)
         straight = mesh.straightened(centre)
         number = np.floor(straight[:, 2] / mesh.length * layers)

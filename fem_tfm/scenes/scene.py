@@ -34,8 +34,8 @@ from fem_tfm.scenes.statement import Output, Reference
 
 
 @dataclass(frozen=True)
-class Scene(Parameters, ABC):
-    """A model in a line with its feed.
+class Scene[R: Recorder](Parameters, ABC):
+    """A model in a line with its feed; R is what it tells and keeps while it runs.
 
     Raises InputError for values that do not fit each other, and for those that this kind of scene
     does not read.
@@ -83,10 +83,10 @@ class Scene(Parameters, ABC):
         for f in fields(self):
             part = getattr(self, f.name)
             if isinstance(part, Parameters):
-                for inner in fields(part):  # type: ignore[arg-type]
+                for inner in fields(part):
                     key = key_of(type(part), inner)
                     if key in defaults and getattr(part, inner.name) is None:
-                        part = replace(part, **{inner.name: defaults[key]})  # type: ignore[type-var]
+                        part = replace(part, **{inner.name: defaults[key]})
                 object.__setattr__(self, f.name, part)
 
     def _check_shape(self, kind: Kind) -> None:
@@ -176,11 +176,11 @@ class Scene(Parameters, ABC):
         """Names of what a run may leave in its directory."""
 
     @abstractmethod
-    def recorder(self, setting: Setting) -> Recorder:
+    def recorder(self, setting: Setting | None = None) -> R:
         """What a run tells and keeps while it works."""
 
     @abstractmethod
-    def solve(self, recorder: Recorder, previous: Answer | None = None) -> Answer:
+    def solve(self, recorder: R, previous: Answer | None = None) -> Answer:
         """The answer; it goes on from a checkpoint where the recorder says so.
 
         previous : answer of a neighbouring scene to start from, which is used up
@@ -264,7 +264,7 @@ class Scene(Parameters, ABC):
 
 def _changed(part: Parameters, keys: Iterable[str]) -> Iterable[tuple[str, Any]]:
     """Those of the keys that are not at their default, in an object and in those that it holds."""
-    for inner in fields(part):  # type: ignore[arg-type]
+    for inner in fields(part):
         key, value = key_of(type(part), inner), getattr(part, inner.name)
         if isinstance(value, Parameters):
             yield from _changed(value, keys)
@@ -318,7 +318,9 @@ class Answer:
             self.state = None
 
 
-def _drive(scene: Scene, recorder: Recorder, previous: Answer | None) -> tuple[Result, Answer]:
+def _drive[R: Recorder](
+    scene: Scene[R], recorder: R, previous: Answer | None
+) -> tuple[Result, Answer]:
     """Solve a scene and write its results."""
     try:
         answer = scene.solve(recorder, previous)
@@ -335,7 +337,7 @@ def _drive(scene: Scene, recorder: Recorder, previous: Answer | None) -> tuple[R
         recorder.close()
 
 
-def _finish(scene: Scene, answer: Answer, recorder: Recorder) -> Result:
+def _finish(scene: Scene[Any], answer: Answer, recorder: Recorder) -> Result:
     """Quantities with their errors, balances and files of an answer."""
     recorder.lap("solve")
     result = _result(scene, answer.status, recorder)
@@ -353,7 +355,7 @@ def _finish(scene: Scene, answer: Answer, recorder: Recorder) -> Result:
     return result
 
 
-def _keep(scene: Scene, recorder: Recorder, status: str, reason: str) -> None:
+def _keep(scene: Scene[Any], recorder: Recorder, status: str, reason: str) -> None:
     """Write what an unfinished run has: its last accepted state and why it stopped."""
     result = _result(scene, status, recorder, reason)
     recorder.log(f"{status}: {reason}")
@@ -363,7 +365,7 @@ def _keep(scene: Scene, recorder: Recorder, status: str, reason: str) -> None:
     recorder.write(result)
 
 
-def _result(scene: Scene, status: str, recorder: Recorder, reason: str = "") -> Result:
+def _result(scene: Scene[Any], status: str, recorder: Recorder, reason: str = "") -> Result:
     """A result without numbers yet."""
     solved = recorder.section
     return Result(
@@ -384,7 +386,7 @@ def _result(scene: Scene, status: str, recorder: Recorder, reason: str = "") -> 
 
 
 def with_references(
-    scene: Scene,
+    scene: Scene[Any],
     found: Mapping[str, float],
     errors: Mapping[str, float | None],
     known: Mapping[str, Sequence[Published]],
