@@ -43,7 +43,7 @@ class Species:
     def viscosity(self, temperature: float) -> float:
         """Sutherland's mu(T) [Pa s] at a temperature [K]."""
         t0, s = 273.0, self.sutherland
-        return self.viscosity_0 * (temperature / t0) ** 1.5 * (t0 + s) / (temperature + s)
+        return float(self.viscosity_0 * (temperature / t0) ** 1.5 * (t0 + s) / (temperature + s))
 
 
 SPECIES = {

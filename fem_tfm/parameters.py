@@ -101,11 +101,12 @@ def key_of(cls: type[Parameters], field: dataclasses.Field[Any]) -> str:
 
 def kind_of(cls: type[Parameters], field: dataclasses.Field[Any]) -> Any:
     """Type of a field, resolved."""
-    return _hints(cls)[field.name]
+    # mypy does not see that a class is hashable
+    return _hints(cls)[field.name]  # type: ignore[arg-type]
 
 
 @functools.cache
-def _hints(cls: Any) -> dict[str, Any]:
+def _hints(cls: type[Parameters]) -> dict[str, Any]:
     return get_type_hints(cls)
 
 

@@ -25,7 +25,7 @@ from fem_tfm.parameters import parameter
 from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas
 from fem_tfm.scenes.kinds import Kind, register
-from fem_tfm.scenes.physics import LARGEST_STEP
+from fem_tfm.scenes.physics import LARGEST_STEP, SectionPhysics
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.scene import Answer, Scene
 from fem_tfm.scenes.statement import SteadyNumerics
@@ -34,7 +34,7 @@ from fem_tfm.solvers.nested import Observer
 
 
 @dataclass(frozen=True)
-class SectionScene[R: Recorder](Scene[R]):
+class SectionScene[P: SectionPhysics, R: Recorder](Scene[P, R]):
     """A scene whose mesh is that of a section."""
 
     model: TwoFluid | ReynoldsStress
@@ -58,7 +58,7 @@ class SectionScene[R: Recorder](Scene[R]):
 
 
 @dataclass(frozen=True)
-class Developed(SectionScene["SectionRecorder"]):
+class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
     """The developed section: hold-up or flux is given, the pressure gradient is found.
 
     numerics : how strictly it is solved
@@ -140,7 +140,7 @@ class Developed(SectionScene["SectionRecorder"]):
 ANSWERED = ("quantities", "errors", "balances", "notes", "references")
 
 
-def describe(scene: Scene[Any], solved: str, given: str) -> dict[str, Any]:
+def describe(scene: Scene[Any, Any], solved: str, given: str) -> dict[str, Any]:
     """What every description begins and ends with; cost goes between."""
     laws = [f"{law.family}: {law.name}" for law in scene.model.laws()]
     return {
@@ -205,7 +205,7 @@ class Kept:
             own = float(forms @ section.newton.assemble_residual())
             missed = float(borders @ np.array(section.newton.constraint_errors()))
             gradient = physics.signs(section)["pressure_gradient"]
-        return gradient - section.mesh.mesh.comm.allreduce(own) - missed
+        return gradient - float(section.mesh.mesh.comm.allreduce(own)) - missed
 
     def factorisations(self) -> int:
         """Factorisations of the last two meshes so far."""

@@ -40,7 +40,7 @@ FIRST_STEP = 0.01
 
 
 @dataclass(frozen=True)
-class Developing(SectionScene["LineRecorder"]):
+class Developing(SectionScene["Physics", "LineRecorder"]):
     """A line from its inlet on: what enters is given, the pressure along it is found.
 
     inlet : how the flow enters
@@ -78,7 +78,7 @@ class Developing(SectionScene["LineRecorder"]):
         """
         if previous is not None:
             previous.close()
-        physics: Physics = self.physics
+        physics = self.physics
         line = physics.line(recorder)
         if recorder.resume:
             recorder.restore(line)
@@ -112,7 +112,7 @@ class Developing(SectionScene["LineRecorder"]):
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
-        physics: Physics = self.physics
+        physics = self.physics
         size = physics.resolution.core_size(physics.section)
         cells, unknowns = physics.size()
         cost, stations = physics.cost(unknowns), physics.stations()
@@ -210,7 +210,7 @@ class DuctMarch(DuctGas):
     def stations(self) -> int:
         """About how many stations."""
         geometry = self.scene.geometry
-        diameters = geometry.length / geometry.hydraulic_diameter
+        diameters: float = geometry.length / geometry.hydraulic_diameter
         return math.ceil(self.first_stations + diameters / self.largest_diameters)
 
     def control(self) -> MarchControl:
@@ -270,7 +270,7 @@ class LineRecorder(Recorder):
     """What a march tells and keeps: progress, monitor.csv, checkpoint, fields.xdmf."""
 
     def __init__(self, scene: Developing, setting: Setting) -> None:
-        self.physics: Physics = scene.physics
+        self.physics = scene.physics
         units = {"station": "", "z": "m", "step": "m", "iterations": "", "update": "", "bend": ""}
         units |= {name: self.physics.units[name] for name in self.physics.monitored}
         super().__init__(scene, setting, units)
@@ -370,7 +370,7 @@ class LineRecorder(Recorder):
     def _next_due(self, z: float) -> float:
         """The next of the evenly spaced places at which a section goes to fields.xdmf [m]."""
         every = self.scene.geometry.length / self.scene.output.stations
-        return (math.floor(z / every + 1e-9) + 1) * every
+        return float((math.floor(z / every + 1e-9) + 1) * every)
 
 
 register(

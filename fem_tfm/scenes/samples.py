@@ -136,7 +136,8 @@ class Sections:
         return rows
 
     def _along(self, velocity: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        return np.einsum("ni,ni->n", velocity, self._axis)
+        along: npt.NDArray[np.float64] = np.einsum("ni,ni->n", velocity, self._axis)
+        return along
 
 
 class Plane:

@@ -78,7 +78,7 @@ class DenseCells(Physics):
 
 
 @dataclass(frozen=True)
-class Unsteady(Scene["FlowRecorder"]):
+class Unsteady(Scene[DenseCells, "FlowRecorder"]):
     """A flow in time and three dimensions, one value a cell.
 
     numerics : the end, the order and the steps
@@ -217,8 +217,7 @@ class Unsteady(Scene["FlowRecorder"]):
 
     def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
         """The mesh of the whole line."""
-        physics: DenseCells = self.physics
-        return line_mesh(*physics.line, comm)
+        return line_mesh(*self.physics.line, comm)
 
     def solve(self, recorder: FlowRecorder, previous: Answer | None = None) -> Answer:
         """Take the flow to its end.
@@ -259,14 +258,14 @@ class Unsteady(Scene["FlowRecorder"]):
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
-        physics: DenseCells = self.physics
+        physics = self.physics
         layers, end = axial_layers(*physics.line), self.numerics.end_time
         cells = line_cells(*physics.line, MPI.COMM_SELF)
         steps = end * self.feed.gas_velocity * layers / self.geometry.length / self.numerics.courant
         steps = max(steps, end / self.control().largest)
         cell_time = CELL_TIME + SCALE_TIME * len(self.model.scales)
         words = f"unsteady flow by the two-fluid model: all of 3D, {end:g} s"
-        given = f"{dense.Dense.entering(physics)}; starts from state {self.initial.state!r}"
+        given = f"{dense.entering(self)}; starts from state {self.initial.state!r}"
         return describe(self, words, given) | {
             "meshes": f"{layers} layers of {cells // layers} cells",
             "finest_mesh": f"{cells} cells, about {cells * physics.unknowns} unknowns",
@@ -460,7 +459,8 @@ class FlowRecorder(Recorder):
     @property
     def chosen(self) -> tuple[str, ...]:
         """Names of the fields that the case wants."""
-        return self.scene.output.fields
+        chosen: tuple[str, ...] = self.scene.output.fields
+        return chosen
 
     def _tell(self, table: int, row: Mapping[str, float], units: Mapping[str, str]) -> None:
         if self._tables and self.comm.rank == 0:

@@ -127,7 +127,8 @@ class TwoFluid(Parameters):
     symmetry: ClassVar[str] = "half"
 
     def __post_init__(self) -> None:
-        if self.turbulence == FOUR_EQUATION:
+        given: Any = self.turbulence
+        if given == FOUR_EQUATION:
             object.__setattr__(self, "turbulence", "realizable")
             if isinstance(self.dispersed, _Unstated):
                 object.__setattr__(self, "dispersed", "k-epsilon")
