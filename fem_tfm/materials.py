@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self
 
 from ufl.core.expr import Expr
 
@@ -43,7 +43,7 @@ class Species:
     def viscosity(self, temperature: float) -> float:
         """Sutherland's mu(T) [Pa s] at a temperature [K]."""
         t0, s = 273.0, self.sutherland
-        return self.viscosity_0 * (temperature / t0) ** 1.5 * (t0 + s) / (temperature + s)
+        return float(self.viscosity_0 * (temperature / t0) ** 1.5 * (t0 + s) / (temperature + s))
 
 
 SPECIES = {
@@ -57,6 +57,15 @@ SPECIES = {
 }
 # ways to state the density, of which a case file gives one
 DENSITIES = ("density", "species", "gas_constant")
+
+
+class Fluid(Protocol):
+    """What the laws see of a gas, whose density [kg/m3] may differ from point to point."""
+
+    @property
+    def density(self) -> Any: ...
+    @property
+    def viscosity(self) -> Any: ...
 
 
 @dataclass(frozen=True)
@@ -202,7 +211,7 @@ def _species(name: str) -> Species:
 
 
 def _allowed(cls: type[Parameters], name: str) -> str:
-    return allowed(cls, next(f for f in fields(cls) if f.name == name))  # type: ignore[arg-type]
+    return allowed(cls, next(f for f in fields(cls) if f.name == name))
 
 
 @dataclass(frozen=True)

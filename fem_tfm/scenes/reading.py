@@ -196,7 +196,7 @@ def _put(part: Parameters, found: dict[str, Any], kind: Kind) -> None:
         table = {k: v for k, v in part.to_table().items() if f"{part.table}.{k}" not in kind.unread}
         found[part.table] = _plain(table)
         return
-    for f in fields(part):  # type: ignore[arg-type]
+    for f in fields(part):
         value, key = getattr(part, f.name), key_of(type(part), f)
         if isinstance(value, Parameters) and not isinstance(value, Closure):
             _put(value, found, kind)
@@ -212,7 +212,7 @@ def _plain(value: Any) -> Any:
     """A value as TOML holds it; a law and an entry of a list as a table."""
     if isinstance(value, Parameters):
         name = {"model": value.name} if isinstance(value, Closure) else {}
-        return name | {f.name: getattr(value, f.name) for f in fields(value)}  # type: ignore[arg-type]
+        return name | {f.name: getattr(value, f.name) for f in fields(value)}
     if isinstance(value, Mapping):
         return {k: _plain(v) for k, v in value.items() if v is not None}
     if isinstance(value, list | tuple):

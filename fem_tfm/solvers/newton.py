@@ -130,7 +130,7 @@ class DirectSolver:
     def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec, transposed: bool = False) -> None:
         """Solve with the last factorisation, or with its transpose."""
         (self.ksp.solveTranspose if transposed else self.ksp.solve)(rhs, solution)
-        if self.ksp.getConvergedReason() < 0 or not math.isfinite(solution.norm()):
+        if self.ksp.is_diverged or not np.isfinite(solution.norm()):
             self.failed = True
             raise LinearSolveError("linear solve failed")
 

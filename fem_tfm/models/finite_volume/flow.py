@@ -183,6 +183,7 @@ class UnsteadyFlow:
         """Relative density of the gas in the present and in the previous state [-]."""
         if self.ideal_gas is None or self.previous is None:
             return 1.0, 1.0
+        assert self.previous.p is not None
         return self.ideal_gas.relative(self.now.p), self.ideal_gas.relative(self.previous.p)
 
     def _step(self, levels: TimeLevels, dt: float, inflow: Inflow) -> Step:
@@ -197,7 +198,7 @@ class UnsteadyFlow:
         if self.solids is not None:
             step = self._solve_fraction(step, density)
             step = self._solve_temperature(step, density)
-        if self.ideal_gas:
+        if self.ideal_gas and density is not None:
             step = replace(step, gas=self.ideal_gas.balance(step, density))
         if self.turbulence:
             scales, iterations = self.turbulence.solve(step)
@@ -235,11 +236,11 @@ class UnsteadyFlow:
         The solids pressure acts on the flux from the first step on, so its weight must, too.
         """
         cells, state, start = self.cells, step.state, step.levels.start
-        gas_density = self.gas.density
+        gas_density: Array | float = self.gas.density
         if density is not None:
             gas_density = gas_density * cells.to_faces(density.now)
-        drag = sum(self.drag(state, density))
-        response = self.pressure.response(state.alpha, drag, step.dt, gas_density)[0]
+        drag, growth = self.drag(state, density)
+        response = self.pressure.response(state.alpha, drag + growth, step.dt, gas_density)[0]
         alpha = np.maximum(state.alpha, 0.0)
         p_s = self.laws.solids_pressure(alpha, state.theta, *step.deformation.rates)
         weight = self.momentum.supported_weight(state.alpha, p_s)
@@ -378,13 +379,13 @@ class UnsteadyFlow:
         cells, alpha = self.cells, self.cells.to_faces(state.alpha)
         gas = state.total_flux - alpha * state.solids_flux
         gas = gas / np.maximum(1 - alpha, SMALLEST_FRACTION)
-        solids, gas = (
+        of_solids, of_gas = (
             cells.largest(
                 cells.sum_by_side(np.maximum(flux, 0.0), np.maximum(-flux, 0.0)) / self.line.volume
             )
             for flux in (state.solids_flux, gas)
         )
-        return solids, gas
+        return of_solids, of_gas
 
     def quantities(self) -> dict[str, float]:
         """Quantities of the whole line, in SI units (collective).
@@ -398,12 +399,14 @@ class UnsteadyFlow:
         factor = self.mesh.section.area_factor
         leaving = cells.to_faces(now.alpha)[self.line.outlet] * now.solids_flux[self.line.outlet]
         gas = now.total_flux[self.line.outlet] - leaving
-        gas = cells.total(gas * self.ideal_gas.outlet_relative_density if self.ideal_gas else gas)
+        if self.ideal_gas is not None:
+            gas = gas * self.ideal_gas.outlet_relative_density
         room = cells.total(self.line.volume)
+        assert self.mesh.length is not None
         found = {
             "pressure_gradient": drop / self.mesh.length,
             "pressure_drop": drop,
-            "gas_mass_flow": factor * self.gas.density * gas,
+            "gas_mass_flow": factor * self.gas.density * cells.total(gas),
         }
         if self.solids is None:
             return found
@@ -450,7 +453,7 @@ class UnsteadyFlow:
     def restore(self, state: Mapping[str, Array]) -> None:
         """Restore what `state` gave, also from another partition of the mesh (collective)."""
         cells = self.cells
-        found = {name: cells.ghosted(np.asarray(state[name])) for name in CELL_FIELDS}
+        found: dict[str, Any] = {n: cells.ghosted(np.asarray(state[n])) for n in CELL_FIELDS}
         for name, directed in FACE_FIELDS.items():
             found[name] = cells.from_faces_by_cell(np.asarray(state[name]), directed)
         found["scales"] = {n: cells.ghosted(np.asarray(state[n])) for n in self.now.scales}
@@ -465,8 +468,8 @@ class UnsteadyFlow:
             found["scales"] = {name: cells.ghosted(given[name]) for name in scales}
             self.previous = PreviousStep(float(state["before_dt"]), **found)
         self.time, self.steps = float(state["time"]), int(state["steps"])
-        names = (f.name for f in fields(Masses))
-        self.masses = Masses(**{name: float(state[f"mass_{name}"]) for name in names})
+        masses = {f.name: float(state[f"mass_{f.name}"]) for f in fields(Masses)}
+        self.masses = Masses(**masses)
         self.pressure.renew()
 
     def fields(self) -> dict[str, fem.Function]:

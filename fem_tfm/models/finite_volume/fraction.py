@@ -103,7 +103,7 @@ class _Equation:
         self._first, self._second = cells.first[line.inner], cells.second
         self._edge = slice(cells.inner_count, None)
         weight = levels.flux_weight
-        self._normal_stress = 0.0
+        self._normal_stress: Array | float = 0.0
         if step.turbulence is not None and step.turbulence.normal_stress is not None:
             self._normal_stress = step.turbulence.normal_stress["k_s"]
         self.alpha = np.maximum(levels.start.alpha, 0.0)
@@ -147,6 +147,7 @@ class _Equation:
         turbulence, levels = self.step.turbulence, self.step.levels
         if turbulence is None or turbulence.dispersion is None:
             return None
+        assert turbulence.drag is not None
         cells, gas = self.line.cells, self.laws.gas.density
         alpha = cells.to_faces(levels.now.alpha)
         void, span = 1 - alpha, levels.span_faces

@@ -63,6 +63,7 @@ class IdealGas:
 
     def __init__(self, problem: UnsteadyProblem, line: LineMesh, scheme: FirstOrder) -> None:
         self.line, self.scheme, self.density = line, scheme, problem.gas.density
+        assert problem.reference_pressure is not None
         self.reference = problem.reference_pressure
         outlet = problem.outlet_pressure or self.reference
         self.hydrostatic_density = self.density * outlet / self.reference
@@ -82,6 +83,7 @@ class IdealGas:
         now, previous = self.relative(levels.now.p), levels.previous
         if previous is None:
             return RelativeDensity(now, now, now)
+        assert previous.p is not None
         before, r = self.relative(previous.p), dt / previous.dt
         start = now + levels.ratio * r / (1 + 2 * r) * (now - before)
         return RelativeDensity(now, start, levels.extrapolate(now, before))
@@ -96,6 +98,7 @@ class IdealGas:
         faces, upwind = self._on_faces(relative.end, step.levels.predicted.total_flux - solids)
         weight, kept, source = 1.0, np.zeros(cells.face_count), step.inflow.sources.gas
         if previous is not None:
+            assert previous.gas_step_flux is not None and previous.gas_step_source is not None
             before = dt / (previous.dt + 2 * dt)
             weight, kept = 1 - before, before * previous.gas_step_flux
             source = weight * source + before * previous.gas_step_source[own]

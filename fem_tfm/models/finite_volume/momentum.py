@@ -25,7 +25,7 @@ from fem_tfm.models.finite_volume.body_force import BodyForceBalance
 from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
-from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
+from fem_tfm.models.finite_volume.cells.mesh import Array, Cells, Index
 from fem_tfm.models.finite_volume.scheme import FirstOrder
 from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
@@ -68,7 +68,7 @@ class _System:
     width : number of phases
     """
 
-    def __init__(self, cells: Cells, edges: Array, components: list[int], width: int) -> None:
+    def __init__(self, cells: Cells, edges: Index, components: list[int], width: int) -> None:
         self.components, self._edges = components, edges
         self._matrix = CellMatrix(cells, width, len(components), edges)
         self._krylov = Krylov(self._matrix, "transport", TRANSPORT_TOLERANCE)
@@ -367,6 +367,7 @@ class Momentum:
         """Force interpolated from the cells to faces, and acceleration of all cells."""
         line, cells = self.line, self.line.cells
         mass = phase.density.faces * np.maximum(phase.face_fraction, SMALLEST_FRACTION)
+        assert phase.support is not None
         partial = phase.support.partial_faces
         acceleration = cells.ghosted(line.reconstruct(force / mass, partial))
         fraction = np.maximum(phase.fraction, SMALLEST_FRACTION)

@@ -13,6 +13,9 @@ balanced.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+from typing import Any
 
 import numpy as np
 
@@ -49,12 +52,12 @@ class _Fluxes:
     @property
     def total(self) -> Array:
         """Flux of both phases [m3/s]."""
-        return sum(a * flux for a, flux in zip(self.fractions, self.flux, strict=True))
+        return reduce(add, (a * flux for a, flux in zip(self.fractions, self.flux, strict=True)))
 
     @property
     def stiffness(self) -> Array:
         """Flux of both phases per pressure difference [m3/s/Pa]."""
-        return sum(a * m for a, m in zip(self.fractions, self.mobility, strict=True))
+        return reduce(add, (a * m for a, m in zip(self.fractions, self.mobility, strict=True)))
 
 
 class PressureProjection:
@@ -109,6 +112,7 @@ class PressureProjection:
         total, stiffness = fluxes.total, fluxes.stiffness
         sources = step.inflow.sources
         growth = (sources.solids + sources.gas) * line.volume
+        capacity: Array | float
         if step.gas is None:
             weight, capacity, rhs = stiffness, 0.0, growth - cells.net_flux(total)
         else:
@@ -136,10 +140,9 @@ class PressureProjection:
             total_flux=total,
         )
         if len(phases) == 2:
-            solids_flux = fluxes.flux[0] + corrections[0]
-            solids = self._solids(
-                step, phases[0].pressure, fluxes.response[0][0], velocities[0], solids_flux
-            )
+            flux, p_s = fluxes.flux[0] + corrections[0], phases[0].pressure
+            assert p_s is not None
+            solids = self._solids(step, p_s, fluxes.response[0][0], velocities[0], flux)
             state = replace(state, **solids)
         return state, iterations
 
@@ -186,7 +189,7 @@ class PressureProjection:
 
     def _solids(
         self, step: Step, p_s: Array, response: Array, velocity: Array, flux: Array
-    ) -> dict[str, Array]:
+    ) -> dict[str, Any]:
         """Fields of the solids in the new state."""
         cells, inner = self.line.cells, self.line.inner
         pressure_flux = np.zeros(cells.face_count)

@@ -25,7 +25,7 @@ import numpy as np
 from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
 from fem_tfm.closures.turbulence.gas import Balance, Eddies
 from fem_tfm.models.finite_volume.cells.line import LineMesh
-from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.cells.mesh import Array, Index
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.state import (
@@ -72,7 +72,7 @@ class Turbulence:
         self._of_solids = _plain(self.dispersed.transported) if laws.solids else ()
         self._edges = np.unique(line.cells.first[line.wall])
         self._height = line.wall_height
-        self._floors = {}
+        self._floors: dict[str, float] = {}
         for phase in ("gas", "solids") if self._of_solids else ("gas",):
             self._floors |= self._estimate(
                 phase, line.velocity_scale, LEAST_INTENSITY, laws.diameter
@@ -159,7 +159,7 @@ class Turbulence:
         self, eddies: Eddies, gas: GasEddies, grains: Grains | None, which: str = "both"
     ) -> dict[str, Balance]:
         """Transport coefficients of the scales of "gas", "solids" or "both"."""
-        found = {}
+        found: dict[str, Balance] = {}
         if which != "solids":
             found |= self.laws.gas_balances(eddies, gas, grains)
         if which != "gas" and grains is not None:
@@ -170,13 +170,14 @@ class Turbulence:
         self, eddies: Eddies, gas: GasEddies, grains: Grains | None
     ) -> dict[str, Array]:
         """Rates where the scales of a phase are larger by SMALL_RISE."""
-        found = {}
+        found: dict[str, Balance] = {}
         if self._of_gas:
             risen = _risen(eddies)
             found |= self._balances(risen, self.laws.gas_eddies(risen), grains, "gas")
         if self._of_solids:
-            risen = replace(grains, eddies=_risen(grains.eddies))
-            found |= self._balances(eddies, gas, risen, "solids")
+            assert grains is not None and grains.eddies is not None
+            of_solids = replace(grains, eddies=_risen(grains.eddies))
+            found |= self._balances(eddies, gas, of_solids, "solids")
         return {name: balance.rate for name, balance in found.items()}
 
     def _grains(self, now: State, laws: Pointwise) -> Grains:
@@ -305,6 +306,7 @@ class Turbulence:
         flux : volume flux of the phase [m3/s]
         """
         line, own, coefficients = self.line, self.line.own, step.turbulence
+        assert coefficients is not None
         before, after = (np.maximum(fraction, SMALLEST_FRACTION) for fraction in fractions)
         inertia = density.start * before[own] * line.volume
         if phase == "gas" and coefficients.relative_density is not None:
@@ -345,7 +347,7 @@ class Turbulence:
 
     def _wall_values(
         self, name: str, coefficients: TurbulenceCoefficients, found: dict[str, Array]
-    ) -> tuple[Array, Array] | None:
+    ) -> tuple[Index, Array] | None:
         """Cells next to the wall where the law prescribes a scale, and its values, or None."""
         if not self.line.has_wall or name not in self._of_gas or name == self._of_gas[0]:
             return None

@@ -50,7 +50,7 @@ class Krylov:
 
     def __init__(self, matrix: CellMatrix, method: str, tolerance: float) -> None:
         self.matrix, self._method, self._tolerance = matrix, method, tolerance
-        self.x, self.b = matrix.matrix.createVecs()
+        self.x, self.b = matrix.matrix.createVecRight(), matrix.matrix.createVecLeft()
         self.iterations = 0
         self._create()
 
@@ -86,8 +86,7 @@ class Krylov:
             self.ksp.setTolerances(atol=max(enough, SMALLEST))
         self.ksp.solve(self.b, self.x)
         self.iterations = self.ksp.getIterationNumber()
-        reason = self.ksp.getConvergedReason()
-        if reason < 0:
+        if self.ksp.is_diverged:
             raise SolverError(f"a linear solver stopped after {self.iterations} iterations")
         return self.x.array_r.copy()
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
+from fem_tfm.models.finite_volume.cells.mesh import Array, Cells, Index
 
 
 class CellMatrix:
@@ -27,7 +27,7 @@ class CellMatrix:
     """
 
     def __init__(
-        self, cells: Cells, width: int = 1, components: int = 1, coupled: Array | None = None
+        self, cells: Cells, width: int = 1, components: int = 1, coupled: Index | None = None
     ) -> None:
         self.cells, self.components = cells, components
         first, second = cells.first[: cells.inner_count], cells.second
@@ -48,6 +48,7 @@ class CellMatrix:
                 rows.append(a[mask] * many + i)
                 columns.append(b[mask] * many + i)
         for i, j in itertools.permutations(range(components), 2):
+            assert coupled is not None
             for k in range(width):
                 rows.append(coupled * many + i * width + k)
                 columns.append(coupled * many + j * width + k)

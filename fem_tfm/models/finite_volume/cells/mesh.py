@@ -28,6 +28,7 @@ from fem_tfm.fenics import compile_form
 from fem_tfm.geometry.mesh import Mesh
 
 type Array = npt.NDArray[np.float64]
+type Index = npt.NDArray[np.integer]
 
 
 class Cells:
@@ -82,7 +83,7 @@ class Cells:
             found.scatter_forward()
             return found.array.copy()
 
-        one = fem.Constant(domain, PETSc.ScalarType(1))
+        one = fem.Constant(domain, np.asarray(1, dtype=PETSc.ScalarType))
         self.volume = cellwise(one)
         self.centre = np.stack([cellwise(x[i]) for i in range(3)], axis=1) / self.volume[:, None]
 

@@ -61,7 +61,9 @@ def density_fields(on: FacetForms, density: Density) -> SimpleNamespace:
     cells = on.cells
     sizes = {"start": cells.owned, "cells": cells.owned}
     sizes |= {"faces": cells.face_count, "upwind": cells.face_count}
-    spread = {name: np.broadcast_to(getattr(density, name), n) for name, n in sizes.items()}
+    spread: dict[str, Any] = {
+        name: np.broadcast_to(getattr(density, name), n) for name, n in sizes.items()
+    }
     return on.fields(dataclasses.replace(density, **spread))
 
 
@@ -74,8 +76,9 @@ def phase_fields(on: FacetForms, phase: Phase) -> SimpleNamespace:
     cells, support = on.cells, phase.support
     sizes = {"pressure": cells.count}
     sizes |= dict.fromkeys(("dispersion_force", "implicit_correction"), cells.face_count)
-    absent = {name: np.zeros(n) for name, n in sizes.items() if getattr(phase, name) is None}
-    found = on.fields(dataclasses.replace(phase, support=None, wall_friction=0.0, **absent))
+    absent: dict[str, Any] = {n: np.zeros(m) for n, m in sizes.items() if getattr(phase, n) is None}
+    absent |= {"support": None, "wall_friction": 0.0}
+    found = on.fields(dataclasses.replace(phase, **absent))
     found.density = density_fields(on, phase.density)
     found.wall_friction = on.density(on.on_part("wall", phase.wall_friction))
     if support is None:
