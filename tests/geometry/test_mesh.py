@@ -125,8 +125,8 @@ def test_each_part_is_where_its_name_says(geometry: Section) -> None:
 def test_whole_is_the_half_and_its_mirror_image(kind: type) -> None:
     lengths = (0.01,) if kind is RoundSection else (0.02, 0.01)
     half, whole = (section(kind(*lengths, symmetry), 2) for symmetry in ("half", "none"))
-    tree = cKDTree(whole.mesh.section.x)
-    images = [half.mesh.section.x * [side, 1, 1] for side in (1, -1)]
+    tree = cKDTree(whole.mesh.geometry.x)
+    images = [half.mesh.geometry.x * [side, 1, 1] for side in (1, -1)]
     matches = [tree.query(image) for image in images]
     assert max(gap.max() for gap, _ in matches) < 1e-8 * RADIUS
     assert len(np.unique([row for _, rows in matches for row in rows])) == tree.n
