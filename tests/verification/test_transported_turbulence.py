@@ -266,7 +266,7 @@ class Strong:
 
     def total(self, name: str) -> float:
         """Weighted with the test function over the square, with what is left at its sides."""
-        nodes, weights = np.polynomial.legendre.leggauss(24)
+        nodes, weights = np.polynomial.legendre.leggauss(48)
         nodes, weights = (nodes + 1) / 2, weights / 2
         x = np.stack([g.ravel() for g in np.meshgrid(nodes, nodes, indexing="ij")])
         found = self.inside(name, x) @ (np.outer(weights, weights).ravel() * weight(x))
@@ -312,7 +312,7 @@ def test_weak_forms_are_the_stated_equations(chosen: dict[str, Any]) -> None:
         for other, switch in switches.items():
             switch.value = float(other == name)
         found = float(fem.assemble_scalar(form))
-        assert found == pytest.approx(strong.total(name), rel=2e-6, abs=1e-6), name
+        assert found == pytest.approx(strong.total(name), rel=1e-6, abs=1e-6), name
 
 
 # -- Newton ------------------------------------------------------------------------------------
