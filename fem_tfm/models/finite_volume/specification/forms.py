@@ -378,19 +378,17 @@ def transport_source(on: FacetForms, w: Any, flux: Face, gain: Any, entering: An
     return gain * w * on.dx + ufl.max_value(-flux.edge, 0) * entering * w * on.ds("inlet")
 
 
-def energy_dilation(moved: Any, deformation: Any, levels: Any, order: int) -> Any:
+def energy_dilation(moved: Any, deformation: Any, levels: Any) -> Any:
     """div u_s of the granular energy: the slower of two compressions at first order [1/s].
 
-    What the velocities of the step and those before it both compress is, as far as the step is of
-    second order, compressed as by those of the step; so is what they expand.
+    What the velocities of the step and the predicted ones both compress is, as far as the step is
+    of second order, compressed as by those of the step; so is what they expand.
     """
     later, now = moved.dilation, deformation.dilation
-    found = ufl.max_value(later, now)
-    if not order:
-        return found
+    larger = ufl.max_value(later, now)
     both = ufl.And(ufl.lt(later, 0), ufl.lt(now, 0))
-    trusted = ufl.conditional(ufl.Or(both, ufl.gt(later, 0)), levels.second_order, 0)
-    return found + trusted * (later - found)
+    agreed = ufl.conditional(ufl.Or(both, ufl.gt(later, 0)), levels.second_order, 0)
+    return larger + agreed * (later - larger)
 
 
 def temperature_sources(
