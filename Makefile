@@ -30,7 +30,6 @@ test: $(READY)
 
 verify: $(READY)
 	$(PYTHON) -m pytest -n 2 --dist loadfile -m slow
-	$(VENV)/bin/mpirun -n 2 $(PYTHON) -m pytest -q -p no:cacheprovider -m 'mpi and slow'
 
 lint: $(READY)
 	$(PYTHON) -m ruff check .
