@@ -181,7 +181,7 @@ def bench(options: argparse.Namespace) -> None:
     """Run the benchmarks: run time against error."""
     from fem_tfm import bench as benchmarks
 
-    _say(benchmarks.run(options.name))
+    _say(benchmarks.run(options.name, options.out))
 
 
 def models(options: argparse.Namespace) -> None:
@@ -341,6 +341,9 @@ def _parser() -> argparse.ArgumentParser:
 
     timing = _verb(verbs, bench)
     timing.add_argument("name", metavar="NAME", nargs="?", help="one benchmark [all]")
+    timing.add_argument(
+        "--out", metavar="DIR", default="results/bench", help="where pictures go [%(default)s]"
+    )
     return parser
 
 

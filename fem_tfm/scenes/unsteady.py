@@ -228,6 +228,8 @@ class Unsteady(Scene):
         KeyboardInterrupt
             the user has asked to stop; all ranks stand behind the same step.
         """
+        if previous is not None:
+            previous.close()
         section = Stepped(self, UnsteadyFlow(self.problem(), self.mesh(recorder.comm)))
         stepping = TimeStepping(self.control(), self.milestones(), recorder.log)
         if recorder.resume:

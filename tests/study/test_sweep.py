@@ -162,6 +162,25 @@ def test_lines_are_swept_too(dense: dict[str, Any]) -> None:
     assert all(p.factorisations > 5 for p in found)
 
 
+def test_bends_are_swept_too(root: Path, tmp_path: Path) -> None:
+    """An unsteady flow in a bend: no developed section stands in for it."""
+    changes = [
+        "geometry.length=0.02", "geometry.bend_radius=0.008", "geometry.bend_start=0.003",
+        "numerics.axial_cells=8", "numerics.end_time=1e-3", "output.interval=1e-3",
+        "output.sections=[]",
+    ]  # fmt: skip
+    case = Case.load(root / "demos/dense_pipe/bend90.toml", changes)
+    found = sweep.run(case, {SPEED: [6.0, 8.0]}, tmp_path, keep=True)
+    assert [(p.status, p.start) for p in found.points] == [("finished", "cold")] * 2
+    slow, fast = (p.quantities["pressure_drop"] for p in found.points)
+    assert 0 < slow < fast
+    # what is kept is the run of the bend itself
+    alone = case.with_values(found.points[1].values).run()
+    assert fast == pytest.approx(alone["pressure_drop"], rel=1e-12)
+    stored = json.loads((tmp_path / sweep.POINTS / "1" / "result.json").read_text())
+    assert stored["solution"] == "unsteady"
+
+
 def test_a_section_refuses_other_laws(dense: dict[str, Any]) -> None:
     case = Case.from_dict(dense)
     given = setup_of(case.scene)
@@ -248,6 +267,7 @@ def test_only_a_sweep_of_this_case_is_resumed(dense: dict[str, Any], tmp_path: P
         sweep.run(coarse(dense), {SPEED: [6.43]}, tmp_path / "none", resume=True)
 
 
+@pytest.mark.mpi
 def test_results_of_a_point_are_kept_if_asked(dense: dict[str, Any], tmp_path: Path) -> None:
     case = coarse(dense).with_values({"output.xdmf": False, "output.pictures": False})
     found = sweep.run(case, {SPEED: [6.43, 6.6]}, tmp_path, keep=True)
