@@ -1,21 +1,22 @@
-# Everything happens in .venv, which is built once and again when pyproject.toml changes.
+# Everything happens in .venv, which is built once and again when what it needs changes.
 
 VENV := .venv
 READY := $(VENV)/.ready
 PYTHON := $(VENV)/bin/python
 
-.PHONY: help setup demo test lint clean
+.PHONY: help setup demo test verify lint clean
 
 help:
 	@echo 'make demo    set everything up, solve the dense pipe, print the pressure drop'
 	@echo 'make test    set everything up, run the tests, some of them on two ranks'
-	@echo 'make lint    check the style'
+	@echo 'make verify  run the slow tests too, up to an hour'
+	@echo 'make lint    check style and types'
 	@echo 'make setup   only build .venv'
 	@echo 'make clean   remove .venv and everything that was generated'
 
 setup: $(READY)
 
-$(READY): pyproject.toml .ci/setup .ci/find-python
+$(READY): pyproject.toml .ci/constraints.txt .ci/setup .ci/find-python
 	@echo 'setting up $(VENV), once'
 	@.ci/setup
 	@touch $@
@@ -27,9 +28,13 @@ test: $(READY)
 	$(PYTHON) -m pytest -n 2 --dist loadfile
 	$(VENV)/bin/mpirun -n 2 $(PYTHON) -m pytest -q -p no:cacheprovider -m 'mpi and not slow'
 
+verify: $(READY)
+	$(PYTHON) -m pytest -n 2 --dist loadfile -m slow
+
 lint: $(READY)
 	$(PYTHON) -m ruff check .
 	$(PYTHON) -m ruff format --check .
+	$(PYTHON) -m mypy
 
 clean:
 	rm -rf $(VENV) .uv build results .pytest_cache .ruff_cache *.egg-info

@@ -117,7 +117,11 @@ def __getattr__(name: str) -> Any:
             # a scene must know all kinds, to say which one reads a key
             importlib.import_module("fem_tfm.scenes")
         return getattr(importlib.import_module(f"fem_tfm.{_HOMES[name]}"), name)
-    raise AttributeError(f"module 'fem_tfm' has no attribute {name!r}")
+    from fem_tfm.errors import nearest
+
+    near = nearest(name, __all__)
+    hint = f"; did you mean {near!r}?" if near and not name.startswith("_") else ""
+    raise AttributeError(f"module 'fem_tfm' has no attribute {name!r}{hint}")
 
 
 def __dir__() -> list[str]:

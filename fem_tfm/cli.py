@@ -172,6 +172,7 @@ def sweep(options: argparse.Namespace) -> int:
             raise InputError("--set", key, "a key that --vary does not give")
     place = options.out or f"{_results(options.case)}-sweep"
     out = results_directory(place, options.overwrite, options.resume)
+    assert out is not None
     found = study.run(case, vary, out, options.jobs, options.resume, options.keep)
     _say(found)
     return NOT_SOLVED if found.failed else DONE
@@ -347,7 +348,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _verb(verbs: Any, action: Callable[[argparse.Namespace], None]) -> argparse.ArgumentParser:
+def _verb(verbs: Any, action: Callable[[argparse.Namespace], Any]) -> argparse.ArgumentParser:
     """Add a verb named after its function and described by its docstring."""
     text = inspect.cleandoc(action.__doc__ or action.__name__)
     parser = verbs.add_parser(action.__name__, help=text.partition("\n")[0], description=text)

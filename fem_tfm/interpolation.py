@@ -55,6 +55,7 @@ class Transfer:
         self._cells = np.arange(_count_cells(target.mesh), dtype=np.int32)
         held, nodes = {} if known is None else known, target.element.interpolation_points.tobytes()
         held.setdefault(nodes, self)
+        self._data: Any
         if held[nodes] is not self:
             self._data = held[nodes]._data
             return
@@ -82,14 +83,14 @@ def transfer(source: fem.Function, target: fem.Function) -> fem.Function:
 
 @overload
 def point_values(
-    functions: fem.Function, points: npt.ArrayLike, tolerance: float | None = None
-) -> npt.NDArray[Any]: ...
+    functions: Sequence[fem.Function], points: npt.ArrayLike, tolerance: float | None = None
+) -> list[npt.NDArray[Any]]: ...
 
 
 @overload
 def point_values(
-    functions: Sequence[fem.Function], points: npt.ArrayLike, tolerance: float | None = None
-) -> list[npt.NDArray[Any]]: ...
+    functions: fem.Function, points: npt.ArrayLike, tolerance: float | None = None
+) -> npt.NDArray[Any]: ...
 
 
 def point_values(

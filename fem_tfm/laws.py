@@ -6,6 +6,8 @@ A law that is registered stands here by itself; `fem-tfm models` lists them with
 
 from __future__ import annotations
 
+from typing import Any
+
 from fem_tfm import closures
 
 _LAWS = {law.__name__: law for law in closures.every_law()}
@@ -13,7 +15,7 @@ globals().update(_LAWS)
 __all__ = sorted(_LAWS)
 
 
-def __getattr__(name: str) -> type[closures.Closure]:
+def __getattr__(name: str) -> type[Any]:
     """Raise with the nearest name for a law that does not exist."""
     from fem_tfm.errors import nearest
 

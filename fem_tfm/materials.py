@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Protocol, Self
 
 from ufl.core.expr import Expr
 
@@ -43,7 +43,7 @@ class Species:
     def viscosity(self, temperature: float) -> float:
         """Sutherland's mu(T) [Pa s] at a temperature [K]."""
         t0, s = 273.0, self.sutherland
-        return self.viscosity_0 * (temperature / t0) ** 1.5 * (t0 + s) / (temperature + s)
+        return float(self.viscosity_0 * (temperature / t0) ** 1.5 * (t0 + s) / (temperature + s))
 
 
 SPECIES = {
@@ -59,6 +59,15 @@ SPECIES = {
 DENSITIES = ("density", "species", "gas_constant")
 
 
+class Fluid(Protocol):
+    """What the laws see of a gas, whose density [kg/m3] may differ from point to point."""
+
+    @property
+    def density(self) -> Any: ...
+    @property
+    def viscosity(self) -> Any: ...
+
+
 @dataclass(frozen=True)
 class Gas(Parameters):
     """The gas: `Gas(density, viscosity)`, or an ideal gas by `Gas.species` or `Gas.ideal`.
@@ -71,7 +80,9 @@ class Gas(Parameters):
     """
 
     density: float = parameter(MISSING, "kg/m3", "density", gt=0, le=2000)
-    viscosity: float = parameter(MISSING, "Pa s", "dynamic viscosity, default that of the species", gt=0, le=1)
+    viscosity: float = parameter(
+        MISSING, "Pa s", "dynamic viscosity, default that of the species", gt=0, le=1
+    )
     pressure: float | None = parameter(
         None, "Pa", "absolute pressure of an ideal gas", gt=0, le=1e9
     )
@@ -91,7 +102,9 @@ class Gas(Parameters):
                 words = "no pressure beside gas.density; give gas.species for an ideal gas"
                 raise InputError("gas.pressure", self.pressure, words)
             if self.compressible:
-                words = "false beside gas.density; give gas.species or gas.gas_constant in its place"
+                words = (
+                    "false beside gas.density; give gas.species or gas.gas_constant in its place"
+                )
                 raise InputError("gas.compressible", True, words)
             return
         if self.pressure is None:
@@ -172,12 +185,16 @@ class Gas(Parameters):
             given.setdefault("viscosity", known.viscosity(temperature))
 
     def to_table(self) -> dict[str, Any]:
-        """The table [gas] from which `from_table` makes the same gas."""
+        """The table [gas] from which `from_table` makes the same gas, without what follows."""
         found = {
             key_of(type(self), f).removeprefix("gas."): getattr(self, f.name) for f in fields(self)
         }
         if self.name is not None or self.gas_constant is not None:
             del found["density"]
+        if self.name is not None and self.viscosity == _species(self.name).viscosity(
+            self.temperature
+        ):
+            del found["viscosity"]
         return found
 
     def bound(self, wrap: Callable[[float], Any]) -> Self:
@@ -194,7 +211,7 @@ def _species(name: str) -> Species:
 
 
 def _allowed(cls: type[Parameters], name: str) -> str:
-    return allowed(cls, next(f for f in fields(cls) if f.name == name))  # type: ignore[arg-type]
+    return allowed(cls, next(f for f in fields(cls) if f.name == name))
 
 
 @dataclass(frozen=True)

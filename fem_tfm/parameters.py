@@ -60,6 +60,7 @@ def parameter(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+@dataclasses.dataclass(frozen=True)
 class Parameters:
     """Base of everything that a user states: checked values, which can be bound to UFL.
 
@@ -76,7 +77,7 @@ class Parameters:
         InputError
             a value is of the wrong kind, not finite, or out of range
         """
-        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+        for field in dataclasses.fields(self):
             value = checked(type(self), field, getattr(self, field.name))
             object.__setattr__(self, field.name, value)
 
@@ -87,10 +88,10 @@ class Parameters:
         """
         values = {
             f.name: wrap(getattr(self, f.name))
-            for f in dataclasses.fields(self)  # type: ignore[arg-type]
+            for f in dataclasses.fields(self)
             if isinstance(getattr(self, f.name), float)
         }
-        return dataclasses.replace(self, **values)  # type: ignore[type-var]
+        return dataclasses.replace(self, **values)
 
 
 def key_of(cls: type[Parameters], field: dataclasses.Field[Any]) -> str:
@@ -100,7 +101,8 @@ def key_of(cls: type[Parameters], field: dataclasses.Field[Any]) -> str:
 
 def kind_of(cls: type[Parameters], field: dataclasses.Field[Any]) -> Any:
     """Type of a field, resolved."""
-    return _hints(cls)[field.name]
+    # mypy does not see that a class is hashable
+    return _hints(cls)[field.name]  # type: ignore[arg-type]
 
 
 @functools.cache
@@ -250,7 +252,7 @@ def _kind_in_words(kind: Any) -> str:
 
 
 def _class_names(cls: Any) -> list[str]:
-    """Names of a class of objects that a user states and of its subclasses; abstract ones fall out."""
+    """Names of a class that a user states and of its subclasses, without abstract ones."""
     if not (isinstance(cls, type) and issubclass(cls, Parameters)):
         return []
     own = [] if inspect.isabstract(cls) else [cls.__name__]

@@ -97,7 +97,7 @@ def _column(
 
     Without transported turbulence those that need it are left out; with it, a turbulence must be.
     """
-    laws = {name: make(family, name) for name in names(family)}
+    laws: dict[str, Any] = {name: make(family, name) for name in names(family)}
     known = [n for n, law in laws.items() if turbulent or not getattr(law, "needs_k", False)]
     if family == "turbulence":
         known = [name for name in known if laws[name].transported]
@@ -116,7 +116,9 @@ def law_sets(number: int = SETS, seed: int = SEED, turbulent: bool = False) -> l
         columns |= {key: _column(f, number, rng, True) for key, f in TURBULENCE.items()}
         # a turbulence with a wall law needs one
         columns["walls.gas"] = ["log-law"] * number
-    sets = [{key: column[i] for key, column in columns.items()} for i in range(number)]
+    sets: list[dict[str, Any]] = [
+        {key: column[i] for key, column in columns.items()} for i in range(number)
+    ]
     for laws, local, feeds in zip(sets, algebraic, feeding, strict=True):
         laws["closures.theta"] = "algebraic" if local else "transport"
         laws["closures.friction_feeds_theta"] = bool(feeds)
@@ -138,7 +140,7 @@ def _part_unbounded(radial: list[str], friction: list[str]) -> None:
 
 def _numbers(rng: np.random.Generator) -> dict[str, float]:
     """Numbers of one case, each within its range."""
-    drawn = {}
+    drawn: dict[str, float] = {}
     for key, (low, high, logarithmic) in RANGES.items():
         if key == "solids.diameter":
             high = min(high, LARGEST_GRAIN * drawn["geometry.diameter"])
@@ -181,7 +183,8 @@ def cases(
         for numbers in drawn[i][: number // sets + (i < number % sets)]:
             values = chosen | numbers | {"gas.viscosity": VISCOSITY, "numerics.level": 1}
             if chosen["closures.drag"] == "constant":
-                factor = math.exp(drag.uniform(*map(math.log, CONSTANT_DRAG)))
+                low, high = map(math.log, CONSTANT_DRAG)
+                factor = math.exp(drag.uniform(low, high))
                 values["closures.drag"] = _constant_drag(numbers, factor)
             if chosen["closures.friction"] in PLASTIC:
                 values["solids.friction_limit"] = PACKED_FRACTION

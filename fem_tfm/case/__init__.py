@@ -35,7 +35,7 @@ class Case:
 
     def __init__(self, **values: Any) -> None:
         self._given = _plain(values)
-        self.scene: Scene = scene_from(self._given)
+        self.scene: Scene[Any, Any] = scene_from(self._given)
 
     @classmethod
     def load(cls, path: str | Path, overrides: Iterable[str] = ()) -> Case:
@@ -101,7 +101,7 @@ class Case:
         return self.scene.run(out, overwrite=overwrite, resume=resume, quiet=quiet, comm=comm)
 
 
-def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene:
+def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene[Any, Any]:
     """The scene of a case file; `overrides` are texts "key=value" as given to --set."""
     return Case.load(path, overrides).scene
 

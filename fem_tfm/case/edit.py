@@ -103,4 +103,4 @@ def _as_table(value: Any, key: str) -> dict[str, Any]:
 
 def law_defaults() -> dict[str, str]:
     """Keys that hold a law, and the name of the law that stands there by default."""
-    return {name: key.field.default for name, key in known_keys().items() if key.is_law}
+    return {name: key.default for name, key in known_keys().items() if key.is_law}

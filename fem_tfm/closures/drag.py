@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 from fem_tfm.closures.base import Closure, parameter, register
 from fem_tfm.closures.ops import Value, atan, exp, ln, safe_pow, smooth_norm, smooth_step, sqrt
-from fem_tfm.materials import Gas, Solids
+from fem_tfm.materials import Fluid, Solids
 
 _TINY_RE = 1e-4
 _TINY_FRACTION = 1e-5
@@ -28,20 +28,20 @@ class Drag(Closure):
     """Interface of a drag law."""
 
     @abstractmethod
-    def specific(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """beta/alpha_s [kg/m3/s] at a slip speed >= 0 [m/s]."""
 
-    def beta(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def beta(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """Drag coefficient beta = alpha_s specific(...) [kg/m3/s]."""
         return alpha_s * self.specific(alpha_s, slip, gas, solids)
 
 
-def particle_reynolds(slip: Value, gas: Gas, solids: Solids) -> Value:
+def particle_reynolds(slip: Value, gas: Fluid, solids: Solids) -> Value:
     """Reynolds number of a grain, rho_g d u/mu_g, without the gas fraction [-]."""
     return gas.density * solids.diameter * slip / gas.viscosity
 
 
-def stokes(gas: Gas, solids: Solids) -> Value:
+def stokes(gas: Fluid, solids: Solids) -> Value:
     """Stokes drag of a lone grain per solids fraction, 18 mu_g/d^2 [kg/m3/s]."""
     return 18 * gas.viscosity / solids.diameter**2
 
@@ -55,18 +55,18 @@ def schiller_naumann_factor(re: Value) -> Value:
     return low + (0.44 / 24 * re - low) * smooth_step(re, 1000.0, 200.0)
 
 
-def _ergun(alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+def _ergun(alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
     d = solids.diameter
     viscous = 150 * alpha_s * gas.viscosity / ((1 - alpha_s) * d**2)
     return viscous + 1.75 * gas.density * slip / d
 
 
-def _wen_yu(alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+def _wen_yu(alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
     re = (1 - alpha_s) * particle_reynolds(slip, gas, solids)
     return stokes(gas, solids) * schiller_naumann_factor(re) * (1 - alpha_s) ** -2.65
 
 
-def _gibilaro(alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+def _gibilaro(alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
     d, a_g = solids.diameter, 1 - alpha_s
     viscous = 17.3 * gas.viscosity / (a_g * d**2)
     return (viscous + 0.336 * gas.density * slip / d) * a_g**-1.8
@@ -91,7 +91,7 @@ class ThreeZone(Drag):
     C: float = parameter(1.0, "-", "factor of the intermediate zone", gt=0)
     width: float = parameter(0.02, "-", "width in a_g of the two blends", gt=0, le=0.2)
 
-    def specific(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """beta/alpha_s [kg/m3/s]."""
         args = (alpha_s, slip, gas, solids)
         dense, middle, dilute = _ergun(*args), self.C * _gibilaro(*args), _wen_yu(*args)
@@ -111,7 +111,7 @@ class Ergun(Drag):
     Source: Ergun (1952), Chem. Eng. Prog. 48, 89-94.
     """
 
-    def specific(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """beta/alpha_s [kg/m3/s]."""
         return _ergun(alpha_s, slip, gas, solids)
 
@@ -128,7 +128,7 @@ class WenYu(Drag):
     Source: Wen and Yu (1966), Chem. Eng. Prog. Symp. Ser. 62, 100-111.
     """
 
-    def specific(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """beta/alpha_s [kg/m3/s]."""
         return _wen_yu(alpha_s, slip, gas, solids)
 
@@ -148,7 +148,7 @@ class Gidaspow(Drag):
 
     width: float = parameter(0.02, "-", "width in a_g of the blend", gt=0, le=0.4)
 
-    def specific(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """beta/alpha_s [kg/m3/s]."""
         dense = _ergun(alpha_s, slip, gas, solids)
         dilute = _wen_yu(alpha_s, slip, gas, solids)
@@ -167,7 +167,7 @@ class HuilinGidaspow(Drag):
     Source: Lu Huilin and Gidaspow (2003), Chem. Eng. Sci. 58, 3777-3792.
     """
 
-    def specific(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """beta/alpha_s [kg/m3/s]."""
         dense = _ergun(alpha_s, slip, gas, solids)
         dilute = _wen_yu(alpha_s, slip, gas, solids)
@@ -186,7 +186,7 @@ class Gibilaro(Drag):
     Source: Gibilaro, Di Felice, Waldram and Foscolo (1985), Chem. Eng. Sci. 40, 1817-1823.
     """
 
-    def specific(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """beta/alpha_s [kg/m3/s]."""
         return _gibilaro(alpha_s, slip, gas, solids)
 
@@ -210,7 +210,7 @@ class SyamlalOBrien(Drag):
     c: float = parameter(0.8, "-", "factor of B where dense", gt=0)
     n: float = parameter(2.65, "-", "exponent of B where dilute", gt=0)
 
-    def specific(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """beta/alpha_s [kg/m3/s]."""
         a_g, re = 1 - alpha_s, particle_reynolds(slip, gas, solids)
         v_r = self.velocity_ratio(a_g, re)
@@ -239,7 +239,7 @@ class Beetstra(Drag):
     Source: Beetstra, van der Hoef and Kuipers (2007), AIChE J. 53, 489-501.
     """
 
-    def specific(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """beta/alpha_s [kg/m3/s]."""
         a, a_g = alpha_s, 1 - alpha_s
         re = a_g * particle_reynolds(slip, gas, solids)
@@ -262,7 +262,7 @@ class DiFelice(Drag):
     Source: Di Felice (1994), Int. J. Multiphase Flow 20, 153-159.
     """
 
-    def specific(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """beta/alpha_s [kg/m3/s]."""
         a_g = 1 - alpha_s
         re = a_g * particle_reynolds(slip, gas, solids)
@@ -289,7 +289,7 @@ class KochHill(Drag):
     Rev. Fluid Mech. 33, 619-647.
     """
 
-    def specific(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """beta/alpha_s [kg/m3/s]."""
         a, a_g = alpha_s, 1 - alpha_s
         re = a_g * particle_reynolds(slip, gas, solids)
@@ -319,7 +319,7 @@ class Tenneti(Drag):
     Source: Tenneti, Garg and Subramaniam (2011), Int. J. Multiphase Flow 37, 1072-1092.
     """
 
-    def specific(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """beta/alpha_s [kg/m3/s]."""
         a, a_g = alpha_s, 1 - alpha_s
         re = a_g * particle_reynolds(slip, gas, solids)
@@ -341,7 +341,7 @@ class SchillerNaumann(Drag):
     Source: Schiller and Naumann (1935), Z. VDI 77, 318-320.
     """
 
-    def specific(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """beta/alpha_s [kg/m3/s]."""
         re = particle_reynolds(slip, gas, solids)
         return stokes(gas, solids) * schiller_naumann_factor(re)
@@ -360,6 +360,6 @@ class ConstantDrag(Drag):
 
     value: float = parameter(1e4, "kg/m3/s", "beta/alpha_s", gt=0)
 
-    def specific(self, alpha_s: Value, slip: Value, gas: Gas, solids: Solids) -> Value:
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
         """beta/alpha_s [kg/m3/s]."""
         return self.value

@@ -60,7 +60,8 @@ def where_greater(a: Value, b: Value, yes: Value, no: Value) -> Value:
     """`yes` where a > b, else `no`; both branches are evaluated and must be finite."""
     if is_expr(a, b, yes, no):
         return ufl.conditional(ufl.gt(a, b), yes, no)
-    return _plain(np.where(np.greater(a, b), yes, no)[()])
+    found: Value = np.where(np.greater(a, b), yes, no)
+    return _plain(found[()])
 
 
 def tanh(x: Value) -> Value:

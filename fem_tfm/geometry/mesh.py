@@ -179,7 +179,7 @@ def _build(model: GmshModel, comm: MPI.Comm) -> Mesh:
             0,
             gdim=model.dim,
             # Gmsh meshes come without ghosts, which interior-facet integrals need
-            partitioner=create_cell_partitioner(GhostMode.shared_facet, 2),  # type: ignore[call-arg]
+            partitioner=create_cell_partitioner(GhostMode.shared_facet, 2),
         )
     cells = data.mesh.topology.index_map(model.dim)
     ghosts = comm.allreduce(cells.num_ghosts)

@@ -124,6 +124,12 @@ class Line(ABC):
     ) -> None:
         """Put back what `companions` gave; a model without any does nothing."""
 
+    @property
+    def z(self) -> float:
+        """Where the station at hand stands [m]."""
+        assert self.place is not None
+        return self.place.z
+
     # -- the march -----------------------------------------------------------------------------
 
     def begin(self) -> None:

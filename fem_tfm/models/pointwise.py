@@ -11,14 +11,13 @@ granular temperature [m2/s2], beta drag coefficient [kg/m3/s], U mean speed of t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
-from typing import Any, NamedTuple, Self
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 import ufl
 
-from fem_tfm.closures.base import Closure
 from fem_tfm.closures.drag import Drag
 from fem_tfm.closures.friction import Friction
 from fem_tfm.closures.granular import Granular, Kinetic, algebraic_theta
@@ -29,7 +28,7 @@ from fem_tfm.closures.turbulence.dispersion import Dispersion
 from fem_tfm.closures.turbulence.gas import Balance, Eddies, Turbulence, realizable_slope
 from fem_tfm.closures.walls.gas import GasWall, GasWallState
 from fem_tfm.closures.walls.solids import SolidsWall, WallState
-from fem_tfm.materials import Gas, Solids
+from fem_tfm.materials import Fluid, Solids
 
 # scales of the regularisation: U, U/D, U^2, rho_s U D
 SLIP_FLOOR, SHEAR_FLOOR, K_FLOOR, MAX_VISCOSITY = 1e-4, 1e-3, 2.5e-4, 100.0
@@ -42,33 +41,31 @@ VOID_FRACTION = 1e-4
 SLIP_STEP = 1e-3
 
 
-@dataclass(frozen=True)
-class ClosureSet:
+class ClosureSet(Protocol):
     """One closure of each family; `theta` is "transport" or "algebraic"."""
 
-    drag: Drag
-    radial: Radial
-    granular: Granular
-    friction: Friction
-    turbulence: Turbulence
-    gas_wall: GasWall
-    solids_wall: SolidsWall
-    dispersed: Dispersed
-    dispersion: Dispersion
-    theta: str = "transport"
-    friction_feeds_theta: bool = False
-
-    @classmethod
-    def of(cls, laws: Any, walls: Any) -> Self:
-        """The set from the tables [closures] and [walls] of a case."""
-        own = {f.name: getattr(laws, f.name) for f in fields(cls) if hasattr(laws, f.name)}
-        return cls(**own, gas_wall=walls.gas, solids_wall=walls.solids)
-
-    def bound(self, wrap: Callable[[float], Any]) -> Self:
-        """The same set with every parameter wrapped, so that a change recompiles nothing."""
-        laws = {f.name: getattr(self, f.name) for f in fields(self)}
-        bound = {name: law.bound(wrap) for name, law in laws.items() if isinstance(law, Closure)}
-        return replace(self, **bound)
+    @property
+    def drag(self) -> Drag: ...
+    @property
+    def radial(self) -> Radial: ...
+    @property
+    def granular(self) -> Granular: ...
+    @property
+    def friction(self) -> Friction: ...
+    @property
+    def turbulence(self) -> Turbulence: ...
+    @property
+    def gas_wall(self) -> GasWall: ...
+    @property
+    def solids_wall(self) -> SolidsWall: ...
+    @property
+    def dispersed(self) -> Dispersed: ...
+    @property
+    def dispersion(self) -> Dispersion: ...
+    @property
+    def theta(self) -> str: ...
+    @property
+    def friction_feeds_theta(self) -> bool: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -107,17 +104,17 @@ class Regularisation:
 
         speed, width : U [m/s] and hydraulic diameter D [m]
         theta_floor : smallest granular temperature [m2/s2]
-        grain_gap : height over which the drag fades to the wall, in grain diameters
+        grain_gap : height over which the drag fades to the wall [m]
         others : further fields
         """
-        density, diameter = (solids.density, solids.diameter) if solids else (0.0, 0.0)
+        density = solids.density if solids else 0.0
         return cls(
             theta_floor=theta_floor,
             slip_floor=SLIP_FLOOR * speed,
             shear_floor=SHEAR_FLOOR * speed / width,
             k_floor=K_FLOOR * speed**2,
             max_frictional_viscosity=MAX_VISCOSITY * density * speed * width,
-            grain_gap=grain_gap * diameter,
+            grain_gap=grain_gap,
             **others,
         )
 
@@ -140,7 +137,7 @@ def tangential(velocity: Value, normal: Value) -> Value:
     return velocity - (across if is_expr(across) else across[:, None]) * normal
 
 
-class Deformation:
+class Invariants:
     """Invariants of the gradient of a velocity.
 
     Parameters
@@ -150,7 +147,7 @@ class Deformation:
 
     def __init__(self, gradient: Value) -> None:
         if is_expr(gradient):
-            self._parts: Sequence[Value] = [gradient[i, j] for i in range(3) for j in range(3)]
+            self._parts: Any = [gradient[i, j] for i in range(3) for j in range(3)]
         else:
             # one array for each component, which is several times as fast as one of tensors
             self._parts = np.ascontiguousarray(gradient.reshape(-1, 9).T)
@@ -251,11 +248,17 @@ class Pointwise:
     diameter : hydraulic diameter [m]
     """
 
-    gas: Gas | LocalGas
+    gas: Fluid
     solids: Solids | None
     closures: ClosureSet
     regularisation: Regularisation
     diameter: Any
+
+    @property
+    def grain(self) -> Solids:
+        """The solids, for the methods that only a flow with solids calls."""
+        assert self.solids is not None
+        return self.solids
 
     def with_density(self, relative: Value) -> Self:
         """The same where the gas has `relative` times its density [-]."""
@@ -271,8 +274,8 @@ class Pointwise:
 
     def kinetic(self, alpha: Value, theta: Value) -> tuple[Value, Kinetic]:
         """g0 and the coefficients of the kinetic theory, faded in voids."""
-        g0 = self.closures.radial.g0(alpha, self.solids)
-        found = self.closures.granular.coefficients(alpha, theta, g0, self.solids, self.diameter)
+        g0 = self.closures.radial.g0(alpha, self.grain)
+        found = self.closures.granular.coefficients(alpha, theta, g0, self.grain, self.diameter)
         square = alpha * alpha
         # by the square of a: less diffuses through a void than moves there, for fewer iterations
         fade = square / (square + self.regularisation.void_fraction**2)
@@ -285,16 +288,16 @@ class Pointwise:
     ) -> SolidsCoefficients:
         """Coefficients of kinetic theory and friction at S:S [1/s2] and D [1/s]."""
         g0, kinetic = self.kinetic(alpha, theta)
-        friction = self.closures.friction.stress(alpha, theta, square, dilation, self.solids)
+        friction = self.closures.friction.stress(alpha, theta, square, dilation, self.grain)
         cap = self.regularisation.max_frictional_viscosity
         p_f, mu_f = (_filled(value, alpha) for value in friction)
         return SolidsCoefficients(g0, kinetic, p_f, minimum(mu_f, cap))
 
     def solids_pressure(self, alpha: Value, theta: Value, square: Value, dilation: Value) -> Value:
         """p_s of kinetic theory and friction, without the other coefficients [Pa]."""
-        g0 = self.closures.radial.g0(alpha, self.solids)
-        kinetic = self.closures.granular.pressure(alpha, theta, g0, self.solids)
-        friction = self.closures.friction.stress(alpha, theta, square, dilation, self.solids)
+        g0 = self.closures.radial.g0(alpha, self.grain)
+        kinetic = self.closures.granular.pressure(alpha, theta, g0, self.grain)
+        friction = self.closures.friction.stress(alpha, theta, square, dilation, self.grain)
         return kinetic + friction.pressure
 
     def granular_energy(
@@ -314,7 +317,7 @@ class Pointwise:
 
         It is without -p D: compression, which voids exaggerate, would feed Theta without bound.
         """
-        granular, solids = self.closures.granular, self.solids
+        granular, solids = self.closures.granular, self.grain
         found = algebraic_theta(alpha, g0, square, 0.0, granular, solids, self.diameter, beta)
         return found + self.regularisation.theta_floor
 
@@ -329,7 +332,7 @@ class Pointwise:
 
         It fades as y^2/(y^2 + gap^2) next to the wall, which the centres of grains cannot reach.
         """
-        found, gap = self.closures.drag.specific(alpha, speed, self.gas, self.solids), self._gap
+        found, gap = self.closures.drag.specific(alpha, speed, self.gas, self.grain), self._gap
         return found if gap is None else found * (height**2 / (height**2 + gap**2))
 
     @property
@@ -356,25 +359,25 @@ class Pointwise:
 
     def eddies(
         self,
-        deformation: Deformation,
+        invariants: Invariants,
         height: Value,
         slope: Value = 1.0,
         k: Value | None = None,
         eps: Value | None = None,
     ) -> Eddies:
-        """What a law of turbulence sees of a phase that deforms.
+        """What a law of turbulence sees of a phase by the invariants of its velocity gradient.
 
         height, slope : y' [m] of the profile that the point carries, and dy'/dy
         k, eps : turbulent energy [m2/s2] and dissipation [m2/s3] where they are transported
         """
-        square = deformation.square + self.regularisation.shear_floor**2 / 2
+        square = invariants.square + self.regularisation.shear_floor**2 / 2
         found = Eddies(sqrt(2 * square) / slope, height, self.gas, self.diameter / 2)
         if k is None:
             return found
         return replace(
             found,
-            spin=sqrt(square + deformation.spin) / slope,
-            A_s=realizable_slope(math.sqrt(6) * deformation.cubic / square**1.5),
+            spin=sqrt(square + invariants.spin) / slope,
+            A_s=realizable_slope(math.sqrt(6) * invariants.cubic / square**1.5),
             k=k,
             eps=eps,
         )
@@ -414,8 +417,8 @@ class Pointwise:
             specific=self.specific_drag(alpha, speed, height),
             slip=speed,
             drift=drift,
-            solids=self.solids,
-            viscosity=viscosity / (alpha * self.solids.density),
+            solids=self.grain,
+            viscosity=viscosity / (alpha * self.grain.density),
             eddies=eddies,
         )
 
@@ -424,7 +427,7 @@ class Pointwise:
     ) -> dict[str, Balance]:
         """Transport of the logarithms of the gas's turbulence, with what grains give to it."""
         law = self.closures.dispersed
-        gain = law.gain(gas, grains) if grains is not None and law.needs_k else 0.0
+        gain = 0.0 if gas is None or grains is None or not law.needs_k else law.gain(gas, grains)
         return self.closures.turbulence.balances(eddies, gain)
 
     def eddy_pressure(self, k: Value) -> Value:
@@ -438,13 +441,26 @@ class Pointwise:
 
     # -- walls ---------------------------------------------------------------------------------
 
+    def wall_state(
+        self, alpha: Value, theta: Value, at: SolidsCoefficients, velocity: Value, cells: Any = ...
+    ) -> WallState:
+        """What the wall law of the solids sees.
+
+        velocity : along the wall [m/s]
+        cells : indices of the cells at the faces of the wall, where the others are arrays
+        """
+        seen = (alpha, theta, at.g0, at.p_f)
+        if isinstance(alpha, np.ndarray):
+            seen = tuple(values[cells] for values in seen)
+        return WallState(*seen, self.speed(velocity))
+
     def solids_wall_friction(self, state: WallState) -> Value:
         """c [Pa s/m] of the traction -c u_t of a wall on the solids."""
-        return _filled(self.closures.solids_wall.friction(state, self.solids), state.slip)
+        return _filled(self.closures.solids_wall.friction(state, self.grain), state.slip)
 
     def solids_wall_heat(self, state: WallState) -> Value:
         """Flux from a wall into the granular energy [W/m2]."""
-        return _filled(self.closures.solids_wall.heat(state, self.solids), state.slip)
+        return _filled(self.closures.solids_wall.heat(state, self.grain), state.slip)
 
     def gas_wall_friction(self, speed: Value, height: Value, k: Value | None = None) -> Value:
         """c [Pa s/m] of the traction -c u_t of a wall on pure gas of a speed at a height [m]."""

@@ -64,6 +64,7 @@ class Section(ABC):
     Attributes
     ----------
     now, old : unknowns, and those before the step in pseudo-time or along the axis
+    owned_dofs : dofs of each unknown that this rank owns
     idt, drive : Constants 1/dt [1/s] and G
     newton : the system, whose first border is that of G
     """
@@ -81,7 +82,7 @@ class Section(ABC):
         self.ds = ufl.Measure("ds", mesh.mesh, subdomain_data=mesh.facet_tags, metadata=metadata)
         self._numbers: list[fem.Constant] = []
         self._integrals: dict[str, fem.Form] = {}
-        self._dofs = [self._sub_dofs(i) for i in range(len(self.names))]
+        self.owned_dofs = [self._sub_dofs(i) for i in range(len(self.names))]
         self.idt, self.drive = self._constant(0.0), self._constant(0.0)
         self.newton: BorderedNewton
         # what carries the unknowns here from another mesh again and again, by its section

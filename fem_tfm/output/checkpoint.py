@@ -97,7 +97,7 @@ def _owned_cells(mesh: Any) -> int:
     return mesh.topology.index_map(mesh.topology.dim).size_local
 
 
-def _write(directory: Path, arrays: Mapping[str, np.ndarray]) -> None:
+def _write(directory: Path, arrays: Mapping[str, Any]) -> None:
     """Replace the checkpoint; the one that was there is kept under another name."""
     path, before = directory / FILE, directory / BEFORE
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -258,6 +258,7 @@ class FieldWriter:
         fields = {name: checked(name, function, self.mesh) for name, function in fields.items()}
         if self._nodes is None:
             self._begin(fields)
+        assert self._nodes is not None
         nodal, cellwise = _sample(self._nodes, fields)
         on_root(self.mesh.comm, lambda: self._add(time, nodal, cellwise))
         self._time = time

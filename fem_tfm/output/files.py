@@ -34,7 +34,7 @@ def write_text(path: str | Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def on_root(comm: Any, action: Callable[[], None]) -> None:
+def on_root(comm: Any, action: Callable[[], object]) -> None:
     """Run `action` on rank 0; if it fails there, every rank raises (collective).
 
     Without it a full disk would stop rank 0 only, and the others would wait for ever.

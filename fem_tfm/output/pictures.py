@@ -65,7 +65,7 @@ PANELS = (
     (("Theta", "k"), None),
 )
 MAPS = ("alpha_s", "u_s", "u_g")
-STYLE = {"labelsize": 8, "length": 3}
+STYLE: dict[str, Any] = {"labelsize": 8, "length": 3}
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,8 @@ def section_picture(
     # colour bar and labels above and below a map take about an inch
     heights = (1.1 + 2.7 * min(view.height / view.width, 2.0), 3.3)
     figure = Figure(figsize=(3.3 * columns + 0.4, sum(heights)), layout="constrained")
-    upper, lower = figure.subfigures(2, 1, height_ratios=heights)
+    halves: Any = figure.subfigures(2, 1, height_ratios=heights)
+    upper, lower = halves
     values = {name: axial(fields[name]) for name in maps}
     for axes, name in zip(_row(upper, len(maps)), maps, strict=True):
         _map(axes, view, values[name], LOOKS[name], _limits(name, values))
@@ -229,7 +230,7 @@ def axis_picture(
         axes.set_ylabel(f"{label} [{unit}]" if unit not in ("", "-") else label, fontsize=9)
         if names[0] in ("pressure_gradient", "max_theta"):
             # an entrance is far above the rest
-            axes.set_yscale("log" if np.nanmin(columns[names[0]]) > 0 else "symlog")
+            axes.set_yscale("log" if np.nanmin(np.asarray(columns[names[0]])) > 0 else "symlog")
         if len(names) > 1:
             axes.legend(fontsize=8, frameon=False)
         axes.grid(color="#dddddd", linewidth=0.6)
@@ -317,7 +318,7 @@ def sweep_picture(
     figure = Figure(figsize=(3.9 * columns, 3.0 * rows + 0.5), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, name in zip(grid, shown, strict=False):
-        _lines(axes, table, varied, name)
+        plot_lines(axes, table, varied, name)
         axes.set_xlabel(_with_unit(varied[0], units), fontsize=9)
         axes.set_ylabel(_with_unit(name, units), fontsize=9)
     for axes in grid[len(shown) :]:
@@ -366,7 +367,7 @@ def _map(
     limits: tuple[float, float],
 ) -> None:
     low, high = limits
-    levels = MaxNLocator(5).tick_values(low, high)
+    levels = np.asarray(MaxNLocator(5).tick_values(low, high))
     levels = levels[(levels > np.nanmin(values)) & (levels < np.nanmax(values))]
     wall = view.wall()
     for copy in view.copies():
@@ -377,7 +378,7 @@ def _map(
         if len(levels) and np.isfinite(values).all():
             axes.tricontour(copy, values, levels, colors="white", linewidths=0.5, alpha=0.6)
         ends = np.stack([copy.x[wall], copy.y[wall]], axis=-1)
-        axes.add_collection(LineCollection(ends, colors="#222222", linewidths=1.0))
+        axes.add_collection(LineCollection(list(ends), colors="#222222", linewidths=1.0))
     # contours set limits that would cut the line of the wall in half
     axes.use_sticky_edges = False
     axes.margins(0.02)
@@ -402,7 +403,7 @@ def _profiles(
             look = LOOKS[name]
             symbol = look.symbol.split()[-1]
             axes.plot(axial(columns[name]), height, color=look.line, linewidth=1.6, label=symbol)
-        log = all(LOOKS[name].log and np.nanmin(columns[name]) > 0 for name in names)
+        log = all(LOOKS[name].log and np.nanmin(np.asarray(columns[name])) > 0 for name in names)
         if log:
             axes.set_xscale("log")
         else:
@@ -417,7 +418,7 @@ def _profiles(
             axes.legend(fontsize=9, frameon=False)
 
 
-def _numeric(column: Sequence[Any]) -> bool:
+def _numeric(column: ArrayLike) -> bool:
     return np.asarray(column).dtype.kind in "iuf"
 
 
@@ -426,7 +427,9 @@ def _with_unit(name: str, units: Mapping[str, str]) -> str:
     return f"{words} [{units[name]}]" if units.get(name) else words
 
 
-def _lines(axes: Axes, table: Mapping[str, Sequence[Any]], varied: list[str], name: str) -> None:
+def plot_lines(
+    axes: Axes, table: Mapping[str, Sequence[Any]], varied: list[str], name: str
+) -> None:
     """One line for each combination of the other varied values; only markers for names."""
     x, y = np.asarray(table[varied[0]]), np.asarray(table[name], dtype=float)
     others = [[str(v) for v in table[other]] for other in varied[1:]]

@@ -9,6 +9,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+import numpy as np
+
 from fem_tfm.output.files import replaced, write_text
 
 # numbers are written with 12 digits
@@ -26,7 +28,7 @@ def cell(value: Any) -> Any:
 
 
 def write_profiles(
-    path: str | Path, columns: Mapping[str, Sequence[Any]], units: Mapping[str, str]
+    path: str | Path, columns: Mapping[str, Sequence[Any] | np.ndarray], units: Mapping[str, str]
 ) -> None:
     """Write columns of equal length as CSV with the heads "name [unit]", in one atomic step.
 

@@ -189,7 +189,8 @@ class Result:
         hidden = ("quantities", "directory", "sections", "fields", "points")
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in hidden}
         content["quantities"] = {name: q.as_dict() for name, q in self.quantities.items()}
-        return _strict(content)
+        plain: dict[str, Any] = _strict(content)
+        return plain
 
     def write(self, directory: str | Path) -> Path:
         """Write `directory`/result.json in one atomic step (on rank 0 only) and return its path."""

@@ -90,7 +90,7 @@ def setup_of(scene: Any) -> Setup:
         width,
         model.solids,
         given.theta_floor,
-        model.grain_gap,
+        model.grain_gap * (model.solids.diameter if model.solids else 0.0),
         alpha_diffusion=ALPHA_DIFFUSION * speed * width if diffusion is None else diffusion,
         capture=given.capture,
         damping=given.damping,
@@ -197,11 +197,7 @@ class Dense(SectionPhysics):
 
     def entering(self) -> str:
         """What enters a line, in words."""
-        gas = f"gas {self.scene.feed.gas_velocity:g} m/s superficial"
-        if self.scene.model.solids is None:
-            return gas
-        alpha, speed = self.scene.solids_inlet
-        return f"{gas}, solids enter with fraction {alpha:.4g} at {speed:.4g} m/s"
+        return entering(self.scene)
 
     def size(self) -> tuple[int, int]:
         """Cells of the finest mesh, and about how many unknowns."""
@@ -310,6 +306,15 @@ def raised_terms(section: TwoFluidSection) -> str:
 
 # a plastic law with a friction limit below this was hardly meant; a gas with Re above is turbulent
 PACKED, TURBULENT = 0.5, 4000.0
+
+
+def entering(scene: Any) -> str:
+    """What enters a line, in words."""
+    gas = f"gas {scene.feed.gas_velocity:g} m/s superficial"
+    if scene.model.solids is None:
+        return gas
+    alpha, speed = scene.solids_inlet
+    return f"{gas}, solids enter with fraction {alpha:.4g} at {speed:.4g} m/s"
 
 
 def advice(scene: Any) -> list[str]:

@@ -25,7 +25,7 @@ from fem_tfm.parameters import parameter
 from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas
 from fem_tfm.scenes.kinds import Kind, register
-from fem_tfm.scenes.physics import LARGEST_STEP
+from fem_tfm.scenes.physics import LARGEST_STEP, SectionPhysics
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.scene import Answer, Scene
 from fem_tfm.scenes.statement import SteadyNumerics
@@ -34,7 +34,7 @@ from fem_tfm.solvers.nested import Observer
 
 
 @dataclass(frozen=True)
-class SectionScene(Scene):
+class SectionScene[P: SectionPhysics, R: Recorder](Scene[P, R]):
     """A scene whose mesh is that of a section."""
 
     model: TwoFluid | ReynoldsStress
@@ -58,7 +58,7 @@ class SectionScene(Scene):
 
 
 @dataclass(frozen=True)
-class Developed(SectionScene):
+class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
     """The developed section: hold-up or flux is given, the pressure gradient is found.
 
     numerics : how strictly it is solved
@@ -74,7 +74,7 @@ class Developed(SectionScene):
         """What a run tells and keeps while it works."""
         return SectionRecorder(self, setting or Setting())
 
-    def solve(self, recorder: SectionRecorder, previous: Answer | None = None) -> Answer:  # type: ignore[override]
+    def solve(self, recorder: SectionRecorder, previous: Answer | None = None) -> Answer:
         """The developed section on nested meshes, coarse to fine.
 
         Where `previous` differs in numbers alone, its last two meshes go on from their states.
@@ -101,8 +101,8 @@ class Developed(SectionScene):
             restart = recorder.restart() if recorder.resume else None
             solution = nested.solve(meshes, setup, *limits, recorder, scheme, restart)
             spent += recorder.factorisations
-        recorder.take(solution)
-        told = {name: recorder.told[name] for name in ANSWERED if name in recorder.told}
+        found = recorder.take(solution)
+        told = {name: found[name] for name in ANSWERED if name in found}
         state = Kept(self, solution)
         return Answer(
             "converged",
@@ -140,7 +140,7 @@ class Developed(SectionScene):
 ANSWERED = ("quantities", "errors", "balances", "notes", "references")
 
 
-def describe(scene: Scene, solved: str, given: str) -> dict[str, Any]:
+def describe(scene: Scene[Any, Any], solved: str, given: str) -> dict[str, Any]:
     """What every description begins and ends with; cost goes between."""
     laws = [f"{law.family}: {law.name}" for law in scene.model.laws()]
     return {
@@ -205,7 +205,7 @@ class Kept:
             own = float(forms @ section.newton.assemble_residual())
             missed = float(borders @ np.array(section.newton.constraint_errors()))
             gradient = physics.signs(section)["pressure_gradient"]
-        return gradient - section.mesh.mesh.comm.allreduce(own) - missed
+        return gradient - float(section.mesh.mesh.comm.allreduce(own)) - missed
 
     def factorisations(self) -> int:
         """Factorisations of the last two meshes so far."""
@@ -298,10 +298,11 @@ class SectionRecorder(Recorder, Observer):
         """Factorisations on all meshes that were begun, those of a mesh that failed too."""
         return sum(section.newton.factorisations for section in self.begun)
 
-    def take(self, solution: nested.Solution) -> None:
-        """The solution whose finest section is written."""
+    def take(self, solution: nested.Solution) -> dict[str, Any]:
+        """The solution whose finest section is written; what the answer is made of."""
         self.section, self.level = solution.section, len(self.physics.meshes(self.comm)) - 1
-        self.told = self.physics.told(solution)
+        self.told = found = self.physics.told(solution)
+        return found
 
     def retry(self, dt: float, reason: str) -> None:
         """A line of the log for a step taken back."""
@@ -333,12 +334,14 @@ class SectionRecorder(Recorder, Observer):
 
     def restart(self) -> tuple[int, Callable[[Any], None]]:
         """Mesh to go on with and how to put the stored state on it."""
-        numbers = checkpoint.numbers(self.out)
+        out = self.out
+        assert out is not None
+        numbers = checkpoint.numbers(out)
         self.steps = int(numbers["steps"])
 
         def restore(section: Any) -> None:
             fields = {name: section.unknown(name) for name in section.names}
-            checkpoint.load(self.out, self.comm, fields)
+            checkpoint.load(out, self.comm, fields)
             for name, function in fields.items():
                 section.set_unknown(name, function)
             for k, border in enumerate(section.newton.borders):
@@ -391,8 +394,11 @@ register(
         DuctGas,
         DEFAULTS,
         (
-            *UNREAD, *GAS_UNREAD, "output.stations", "operation.outlet_pressure",
+            *UNREAD,
+            *GAS_UNREAD,
+            "output.stations",
+            "operation.outlet_pressure",
             "heat.wall_temperature",
-        ),  # fmt: skip
+        ),
     )
 )

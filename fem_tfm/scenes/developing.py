@@ -40,7 +40,7 @@ FIRST_STEP = 0.01
 
 
 @dataclass(frozen=True)
-class Developing(SectionScene):
+class Developing(SectionScene["Physics", "LineRecorder"]):
     """A line from its inlet on: what enters is given, the pressure along it is found.
 
     inlet : how the flow enters
@@ -68,7 +68,7 @@ class Developing(SectionScene):
         """What a run tells and keeps while it works."""
         return LineRecorder(self, setting or Setting())
 
-    def solve(self, recorder: LineRecorder, previous: Answer | None = None) -> Answer:  # type: ignore[override]
+    def solve(self, recorder: LineRecorder, previous: Answer | None = None) -> Answer:
         """March the line from its inlet, or from a checkpoint, to its outlet.
 
         Raises
@@ -78,7 +78,7 @@ class Developing(SectionScene):
         """
         if previous is not None:
             previous.close()
-        physics: Physics = self.physics
+        physics = self.physics
         line = physics.line(recorder)
         if recorder.resume:
             recorder.restore(line)
@@ -112,7 +112,7 @@ class Developing(SectionScene):
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
-        physics: Physics = self.physics
+        physics = self.physics
         size = physics.resolution.core_size(physics.section)
         cells, unknowns = physics.size()
         cost, stations = physics.cost(unknowns), physics.stations()
@@ -143,6 +143,7 @@ class March:
 class DenseMarch(Dense):
     """A march of the two-fluid model."""
 
+    units = TwoFluidLine.units
     line_words = "developing flow by the two-fluid model: steady, marched from the inlet"
     # measured on the demo: stations that follow the development, CPU seconds a station and unknown
     first_stations, station_time, largest_share = 60, 3.5e-5, 1 / 60
@@ -179,12 +180,14 @@ class DenseMarch(Dense):
             scene.solids_inlet,
         )
 
-    def line_fields(self, line: TwoFluidLine) -> dict[str, Any]:
+    def line_fields(self, line: Line) -> dict[str, Any]:
         """Fields of the station at hand."""
+        assert isinstance(line, TwoFluidLine)
         return line.station.fields()
 
-    def write_line(self, line: TwoFluidLine, result: Result, recorder: LineRecorder) -> None:
+    def write_line(self, line: Line, result: Result, recorder: LineRecorder) -> None:
         """The last section."""
+        assert isinstance(line, TwoFluidLine)
         self.write(line.station, result, recorder.out, None)
 
     def draw_axis(self, path: Any, columns: Mapping[str, Any]) -> None:
@@ -196,6 +199,7 @@ class DenseMarch(Dense):
 class DuctMarch(DuctGas):
     """A march of the Reynolds-stress model."""
 
+    units = ReynoldsStressLine.units
     line_words = "developing gas of a duct by Reynolds stresses: steady, marched from the inlet"
     # measured on the demo: stations that follow the development, CPU seconds a station and unknown
     first_stations, station_time, largest_diameters = 45, 4.5e-5, 2.0
@@ -206,7 +210,7 @@ class DuctMarch(DuctGas):
     def stations(self) -> int:
         """About how many stations."""
         geometry = self.scene.geometry
-        diameters = geometry.length / geometry.hydraulic_diameter
+        diameters: float = geometry.length / geometry.hydraulic_diameter
         return math.ceil(self.first_stations + diameters / self.largest_diameters)
 
     def control(self) -> MarchControl:
@@ -240,12 +244,14 @@ class DuctMarch(DuctGas):
             scene.model.heat,
         )
 
-    def line_fields(self, line: ReynoldsStressLine) -> dict[str, Any]:
+    def line_fields(self, line: Line) -> dict[str, Any]:
         """Fields of the station at hand, with those of the heat."""
+        assert isinstance(line, ReynoldsStressLine)
         return self.fields(line.station, {"heat": line.heat})
 
-    def write_line(self, line: ReynoldsStressLine, result: Result, recorder: LineRecorder) -> None:
+    def write_line(self, line: Line, result: Result, recorder: LineRecorder) -> None:
         """The last section; the inlet has no developed heat yet."""
+        assert isinstance(line, ReynoldsStressLine)
         heat = line.heat if len(line.rows) > 1 else None
         self.write(line.station, result, recorder.out, {"heat": heat})
 
@@ -264,11 +270,9 @@ class LineRecorder(Recorder):
     """What a march tells and keeps: progress, monitor.csv, checkpoint, fields.xdmf."""
 
     def __init__(self, scene: Developing, setting: Setting) -> None:
-        self.physics: Physics = scene.physics
+        self.physics = scene.physics
         units = {"station": "", "z": "m", "step": "m", "iterations": "", "update": "", "bend": ""}
-        lines = {DenseMarch: TwoFluidLine, DuctMarch: ReynoldsStressLine}
-        known = lines[type(self.physics)].units
-        units |= {name: known[name] for name in self.physics.monitored}
+        units |= {name: self.physics.units[name] for name in self.physics.monitored}
         super().__init__(scene, setting, units)
         self.columns = tuple(units)
         self.line: Line | None = None
@@ -302,6 +306,7 @@ class LineRecorder(Recorder):
     def station(self, line: Line, stop: Stop) -> None:
         """A row of the monitor, the early-warning line and a checkpoint."""
         row, place = line.rows[-1], stop.place
+        assert place.last is not None
         values = {name: row[name] for name in self.columns if name in row}
         values |= {"station": len(line.rows) - 1, "step": place.last}
         values |= {name: getattr(stop, name) for name in ("iterations", "update", "bend")}
@@ -319,6 +324,7 @@ class LineRecorder(Recorder):
 
     def restore(self, line: Line) -> None:
         """Put the checkpoint on a line."""
+        assert self.out is not None
         fields = line.stored_fields() | line.companions()[0]
         numbers = checkpoint.load(self.out, self.comm, fields)
         line.restore(fields, numbers, checkpoint.tables(self.out))
@@ -337,6 +343,7 @@ class LineRecorder(Recorder):
         self.physics.write_line(line, result, self)
 
         def write() -> None:
+            assert out is not None
             write_profiles(out / "axis.csv", columns, line.units)
             if self.scene.output.pictures and len(line.rows) > 1:
                 self.physics.draw_axis(out / "axis.png", columns)
@@ -363,7 +370,7 @@ class LineRecorder(Recorder):
     def _next_due(self, z: float) -> float:
         """The next of the evenly spaced places at which a section goes to fields.xdmf [m]."""
         every = self.scene.geometry.length / self.scene.output.stations
-        return (math.floor(z / every + 1e-9) + 1) * every
+        return float((math.floor(z / every + 1e-9) + 1) * every)
 
 
 register(

@@ -75,7 +75,8 @@ def setup_of(scene: Any) -> Setup:
         pressure_shift=PRESSURE_SHIFT / (speed * width),
         wall_offset=scene.wall_offset,
     )
-    return Setup(*scene.model.resolved(), numbers, speed, scene.numerics.quadrature_degree)
+    law, function = scene.model.resolved()
+    return Setup(law, function, numbers, speed, scene.numerics.quadrature_degree)
 
 
 SCHEME = nested.Scheme(

@@ -144,7 +144,7 @@ def parts_of(cls: type[Parameters], f: Field[Any], kind: Kind) -> list[type[Para
 
 def _walk(cls: type[Parameters], kind: Kind) -> Iterator[tuple[Key, list[type[Parameters]]]]:
     """Every field of a class and of the objects that it holds, with the classes of those."""
-    for f in fields(cls):  # type: ignore[arg-type]
+    for f in fields(cls):
         parts = parts_of(cls, f, kind)
         yield Key(key_of(cls, f), cls, f), parts
         for part in parts:

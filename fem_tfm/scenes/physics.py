@@ -100,7 +100,8 @@ class SectionPhysics(Physics):
 
     def fields(self, section: Any, told: Any = None) -> dict[str, Any]:
         """Fields for output."""
-        return section.fields()
+        found: dict[str, Any] = section.fields()
+        return found
 
     def write(self, section: Any, result: Result, out: Path | None, told: Any) -> None:
         """Profiles and pictures of a section."""

@@ -103,13 +103,13 @@ def _build(cls: Any, values: Mapping[str, Any], kind: Kind) -> Any:
     made: dict[str, Any] = {}
     for f in fields(cls):
         parts = parts_of(cls, f, kind)
-        value = _part(cls, f, parts[0], values, kind) if parts else _value(cls, f, values, kind)
+        value = _part(f, parts[0], values, kind) if parts else _value(cls, f, values, kind)
         if value is not None:
             made[f.name] = value
     return cls(**made)
 
 
-def _part(cls: Any, f: Field[Any], part: Any, values: Mapping[str, Any], kind: Kind) -> Any:
+def _part(f: Field[Any], part: Any, values: Mapping[str, Any], kind: Kind) -> Any:
     """The object that a field holds, None where its table may be left out and is."""
     if part.table and part.table not in values:
         if f.default is None:
@@ -123,7 +123,7 @@ def _part(cls: Any, f: Field[Any], part: Any, values: Mapping[str, Any], kind: K
 
 
 def _value(cls: Any, f: Field[Any], values: Mapping[str, Any], kind: Kind) -> Any:
-    """The value of a field, None where it is left out; a list of tables makes a tuple of objects."""
+    """The value of a field, None where it is left out; of a list of tables a tuple of objects."""
     key, found = key_of(cls, f), values
     for name in key.split("."):
         found = found.get(name) if isinstance(found, Mapping) else None  # type: ignore[assignment]
@@ -196,7 +196,7 @@ def _put(part: Parameters, found: dict[str, Any], kind: Kind) -> None:
         table = {k: v for k, v in part.to_table().items() if f"{part.table}.{k}" not in kind.unread}
         found[part.table] = _plain(table)
         return
-    for f in fields(part):  # type: ignore[arg-type]
+    for f in fields(part):
         value, key = getattr(part, f.name), key_of(type(part), f)
         if isinstance(value, Parameters) and not isinstance(value, Closure):
             _put(value, found, kind)
@@ -212,7 +212,7 @@ def _plain(value: Any) -> Any:
     """A value as TOML holds it; a law and an entry of a list as a table."""
     if isinstance(value, Parameters):
         name = {"model": value.name} if isinstance(value, Closure) else {}
-        return name | {f.name: getattr(value, f.name) for f in fields(value)}  # type: ignore[arg-type]
+        return name | {f.name: getattr(value, f.name) for f in fields(value)}
     if isinstance(value, Mapping):
         return {k: _plain(v) for k, v in value.items() if v is not None}
     if isinstance(value, list | tuple):

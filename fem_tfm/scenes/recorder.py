@@ -110,8 +110,9 @@ class Recorder:
         """Put what the run has cost so far into its result, and write that."""
         result.cpu_seconds = cpu_seconds(self.comm)
         result.peak_memory_mb = peak_memory_mb(self.comm)
-        if self.out is not None:
-            on_root(self.comm, lambda: result.write(self.out))
+        out = self.out
+        if out is not None:
+            on_root(self.comm, lambda: result.write(out))
 
 
 def prepare(scene: Any, setting: Setting, overwrite: bool) -> None:
@@ -155,7 +156,7 @@ def check_resumable(text: str, out: Path) -> None:
 
 def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, str]:
     """Dotted keys and the text of their values."""
-    flat = {}
+    flat: dict[str, str] = {}
     for key, value in table.items():
         if isinstance(value, dict):
             flat |= _flat(value, f"{prefix}{key}.")

@@ -101,6 +101,7 @@ class Sections:
         centre: npt.NDArray[np.float64],
         layers: int,
     ) -> None:
+        assert mesh.length is not None
         self.comm, self.places = mesh.mesh.comm, tuple(places)
         straight = mesh.straightened(centre)
         number = np.floor(straight[:, 2] / mesh.length * layers)
@@ -135,7 +136,8 @@ class Sections:
         return rows
 
     def _along(self, velocity: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        return np.einsum("ni,ni->n", velocity, self._axis)
+        along: npt.NDArray[np.float64] = np.einsum("ni,ni->n", velocity, self._axis)
+        return along
 
 
 class Plane:

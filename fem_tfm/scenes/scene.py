@@ -29,13 +29,16 @@ from fem_tfm.output.result import Reference as Published
 from fem_tfm.parameters import Parameters, key_of, parameter
 from fem_tfm.progress import Progress
 from fem_tfm.scenes.kinds import KINDS, Kind, check_shape, unread_words
+from fem_tfm.scenes.physics import Physics
 from fem_tfm.scenes.recorder import Recorder, Setting, prepare, results_directory
 from fem_tfm.scenes.statement import Output, Reference
 
 
 @dataclass(frozen=True)
-class Scene(Parameters, ABC):
+class Scene[P: Physics, R: Recorder](Parameters, ABC):
     """A model in a line with its feed.
+
+    P is what only its model tells, R what a run tells and keeps while it works.
 
     Raises InputError for values that do not fit each other, and for those that this kind of scene
     does not read.
@@ -83,10 +86,10 @@ class Scene(Parameters, ABC):
         for f in fields(self):
             part = getattr(self, f.name)
             if isinstance(part, Parameters):
-                for inner in fields(part):  # type: ignore[arg-type]
+                for inner in fields(part):
                     key = key_of(type(part), inner)
                     if key in defaults and getattr(part, inner.name) is None:
-                        part = replace(part, **{inner.name: defaults[key]})  # type: ignore[type-var]
+                        part = replace(part, **{inner.name: defaults[key]})
                 object.__setattr__(self, f.name, part)
 
     def _check_shape(self, kind: Kind) -> None:
@@ -128,14 +131,16 @@ class Scene(Parameters, ABC):
     # -- derived numbers -----------------------------------------------------------------------
 
     @property
-    def physics(self) -> Any:
+    def physics(self) -> P:
         """What only the model of this scene tells."""
-        return self.kind.physics(self)
+        found: P = self.kind.physics(self)
+        return found
 
     @property
     def wall_offset(self) -> float:
         """Distance y_p at which the wall law of the gas holds [m]."""
-        return self.model.wall_offset(self.feed.gas_velocity, self.geometry.hydraulic_diameter)
+        width = self.geometry.hydraulic_diameter
+        return float(self.model.wall_offset(self.feed.gas_velocity, width))
 
     @property
     def section(self) -> Section:
@@ -146,7 +151,7 @@ class Scene(Parameters, ABC):
     def reynolds(self) -> float:
         """U D_h/nu of the gas [-]."""
         gas, width = self.model.gas, self.geometry.hydraulic_diameter
-        return self.feed.gas_velocity * width * gas.density / gas.viscosity
+        return float(self.feed.gas_velocity * width * gas.density / gas.viscosity)
 
     @property
     def gravity(self) -> tuple[float, float, float]:
@@ -176,11 +181,11 @@ class Scene(Parameters, ABC):
         """Names of what a run may leave in its directory."""
 
     @abstractmethod
-    def recorder(self, setting: Setting) -> Recorder:
+    def recorder(self, setting: Setting | None = None) -> R:
         """What a run tells and keeps while it works."""
 
     @abstractmethod
-    def solve(self, recorder: Recorder, previous: Answer | None = None) -> Answer:
+    def solve(self, recorder: R, previous: Answer | None = None) -> Answer:
         """The answer; it goes on from a checkpoint where the recorder says so.
 
         previous : answer of a neighbouring scene to start from, which is used up
@@ -203,13 +208,22 @@ class Scene(Parameters, ABC):
     def advice(self) -> list[str]:
         """What the user probably did not mean, one sentence each."""
 
-    @abstractmethod
     def mesh_model(self) -> GmshModel:
-        """The mesh as Gmsh makes it (the finest, where there are several)."""
+        """The mesh as Gmsh makes it (the finest, where there are several).
 
-    @abstractmethod
+        Raises InputError for a scene that has no mesh.
+        """
+        raise self._without_mesh()
+
     def mesh(self, comm: MPI.Comm = MPI.COMM_WORLD) -> Mesh:
-        """The mesh (the finest, where there are several); collective."""
+        """The mesh (the finest, where there are several); collective.
+
+        Raises InputError for a scene that has no mesh.
+        """
+        raise self._without_mesh()
+
+    def _without_mesh(self) -> InputError:
+        return InputError("solution", self.solution, f"a scene with a mesh; {self.kind} has none")
 
     def run(
         self,
@@ -255,7 +269,7 @@ class Scene(Parameters, ABC):
 
 def _changed(part: Parameters, keys: Iterable[str]) -> Iterable[tuple[str, Any]]:
     """Those of the keys that are not at their default, in an object and in those that it holds."""
-    for inner in fields(part):  # type: ignore[arg-type]
+    for inner in fields(part):
         key, value = key_of(type(part), inner), getattr(part, inner.name)
         if isinstance(value, Parameters):
             yield from _changed(value, keys)
@@ -309,7 +323,9 @@ class Answer:
             self.state = None
 
 
-def _drive(scene: Scene, recorder: Recorder, previous: Answer | None) -> tuple[Result, Answer]:
+def _drive[R: Recorder](
+    scene: Scene[Any, R], recorder: R, previous: Answer | None
+) -> tuple[Result, Answer]:
     """Solve a scene and write its results."""
     try:
         answer = scene.solve(recorder, previous)
@@ -326,7 +342,7 @@ def _drive(scene: Scene, recorder: Recorder, previous: Answer | None) -> tuple[R
         recorder.close()
 
 
-def _finish(scene: Scene, answer: Answer, recorder: Recorder) -> Result:
+def _finish(scene: Scene[Any, Any], answer: Answer, recorder: Recorder) -> Result:
     """Quantities with their errors, balances and files of an answer."""
     recorder.lap("solve")
     result = _result(scene, answer.status, recorder)
@@ -344,7 +360,7 @@ def _finish(scene: Scene, answer: Answer, recorder: Recorder) -> Result:
     return result
 
 
-def _keep(scene: Scene, recorder: Recorder, status: str, reason: str) -> None:
+def _keep(scene: Scene[Any, Any], recorder: Recorder, status: str, reason: str) -> None:
     """Write what an unfinished run has: its last accepted state and why it stopped."""
     result = _result(scene, status, recorder, reason)
     recorder.log(f"{status}: {reason}")
@@ -354,7 +370,7 @@ def _keep(scene: Scene, recorder: Recorder, status: str, reason: str) -> None:
     recorder.write(result)
 
 
-def _result(scene: Scene, status: str, recorder: Recorder, reason: str = "") -> Result:
+def _result(scene: Scene[Any, Any], status: str, recorder: Recorder, reason: str = "") -> Result:
     """A result without numbers yet."""
     solved = recorder.section
     return Result(
@@ -375,7 +391,7 @@ def _result(scene: Scene, status: str, recorder: Recorder, reason: str = "") -> 
 
 
 def with_references(
-    scene: Scene,
+    scene: Scene[Any, Any],
     found: Mapping[str, float],
     errors: Mapping[str, float | None],
     known: Mapping[str, Sequence[Published]],

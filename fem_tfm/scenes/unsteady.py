@@ -78,7 +78,7 @@ class DenseCells(Physics):
 
 
 @dataclass(frozen=True)
-class Unsteady(Scene):
+class Unsteady(Scene[DenseCells, "FlowRecorder"]):
     """A flow in time and three dimensions, one value a cell.
 
     numerics : the end, the order and the steps
@@ -127,6 +127,7 @@ class Unsteady(Scene):
             gas_velocity=self.feed.gas_velocity,
             diameter=self.geometry.hydraulic_diameter,
             wall_offset=self.wall_offset,
+            theta_floor=model.section_terms.theta_floor,
             grain_gap=model.grain_gap * (solids.diameter if solids else 0.0),
             inlet_profile=inlet.profile,
             solids_intensity=inlet.solids_intensity,
@@ -218,7 +219,7 @@ class Unsteady(Scene):
         """The mesh of the whole line."""
         return line_mesh(*self.physics.line, comm)
 
-    def solve(self, recorder: FlowRecorder, previous: Answer | None = None) -> Answer:  # type: ignore[override]
+    def solve(self, recorder: FlowRecorder, previous: Answer | None = None) -> Answer:
         """Take the flow to its end.
 
         Raises
@@ -259,17 +260,14 @@ class Unsteady(Scene):
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
-        layers, end, physics = (
-            axial_layers(*self.physics.line),
-            self.numerics.end_time,
-            self.physics,
-        )
+        physics = self.physics
+        layers, end = axial_layers(*physics.line), self.numerics.end_time
         cells = line_cells(*physics.line, MPI.COMM_SELF)
         steps = end * self.feed.gas_velocity * layers / self.geometry.length / self.numerics.courant
         steps = max(steps, end / self.control().largest)
         cell_time = CELL_TIME + SCALE_TIME * len(self.model.scales)
         words = f"unsteady flow by the two-fluid model: all of 3D, {end:g} s"
-        given = f"{dense.Dense.entering(physics)}; starts from state {self.initial.state!r}"
+        given = f"{dense.entering(self)}; starts from state {self.initial.state!r}"
         return describe(self, words, given) | {
             "meshes": f"{layers} layers of {cells // layers} cells",
             "finest_mesh": f"{cells} cells, about {cells * physics.unknowns} unknowns",
@@ -336,12 +334,14 @@ class FlowRecorder(Recorder):
 
     def __init__(self, scene: Unsteady, setting: Setting) -> None:
         out, resume = setting.out, setting.resume
-        self.since = checkpoint.numbers(out)["time"] if resume else 0.0
+        self.since = 0.0
         if resume:
+            assert out is not None
+            self.since = checkpoint.numbers(out)["time"]
             # a run that was killed has written rows behind its checkpoint
             on_root(setting.comm, partial(_drop_rows, out, self.since))
         super().__init__(scene, setting, COLUMNS)
-        self.stepping: TimeStepping | None = None
+        self.stepping: TimeStepping
         self._writer: FieldWriter | None = None
         self._probes: Probes | None = None
         self._sections: Sections | None = None
@@ -418,9 +418,9 @@ class FlowRecorder(Recorder):
 
     def draw(self) -> None:
         """The picture of the plane through the axis."""
-        if self._plane is not None and self._plane.moments:
-            path = self.out / "plane.png"
-            on_root(self.comm, lambda: self._plane.draw(path, self.scene.title))
+        plane, out = self._plane, self.out
+        if plane is not None and plane.moments and out is not None:
+            on_root(self.comm, lambda: plane.draw(out / "plane.png", self.scene.title))
 
     def step_back(self) -> None:
         """Keep the last accepted state."""
@@ -428,10 +428,12 @@ class FlowRecorder(Recorder):
 
     def restore(self, section: Stepped, stepping: TimeStepping) -> None:
         """Put the checkpoint back."""
+        assert self.out is not None
         values, numbers = checkpoint.load_cells(self.out, section.mesh.mesh)
         own = {name: v for name, v in numbers.items() if name.startswith("stepping.")}
         stepping.restore({name.removeprefix("stepping."): v for name, v in own.items()})
-        section.flow.restore({**values, **{k: v for k, v in numbers.items() if k not in own}})
+        of_flow = {name: np.array(v) for name, v in numbers.items() if name not in own}
+        section.flow.restore({**values, **of_flow})
         section.flow.time = stepping.time
 
     def write_files(self, result: Result) -> None:
@@ -459,7 +461,8 @@ class FlowRecorder(Recorder):
     @property
     def chosen(self) -> tuple[str, ...]:
         """Names of the fields that the case wants."""
-        return self.scene.output.fields
+        chosen: tuple[str, ...] = self.scene.output.fields
+        return chosen
 
     def _tell(self, table: int, row: Mapping[str, float], units: Mapping[str, str]) -> None:
         if self._tables and self.comm.rank == 0:
@@ -484,7 +487,6 @@ register(
             "numerics.alpha_diffusion",
             "numerics.capture",
             "numerics.damping",
-            "numerics.theta_floor",
         ),
     )
 )

@@ -100,7 +100,7 @@ class Branch:
                 gap = now[0] - aim[0] + correction[0], now[1] - aim[1] + correction[1]
                 missing = self._dot(change, gap) + slope * (parameter - predicted)
                 shift = -missing / (self._dot(change, response) + slope)
-            correction = tuple(c + shift * r for c, r in zip(correction, response, strict=True))
+            correction = correction[0] + shift * response[0], correction[1] + shift * response[1]
             before, size = size, max(self.newton.size(correction), abs(shift))
             if not size <= min(GROWTH * before, LARGEST) or abs(shift) > LARGEST_SHIFT:
                 raise LinearSolveError("no convergence to the branch")
@@ -118,8 +118,8 @@ class Branch:
         self.alter(parameter + SHIFT)
         shifted = self.newton.full_correction(factor=False)
         self.alter(parameter)
-        found = zip(shifted, correction, strict=True)
-        return correction, tuple((s - c) / SHIFT for s, c in found)
+        first, second = ((s - c) / SHIFT for s, c in zip(shifted, correction, strict=True))
+        return correction, (first, second)
 
     def _unit(self, change: Change, slope: float) -> tuple[Change, float]:
         """A direction of length one."""

@@ -26,7 +26,7 @@ GUIDE_TOLERANCE = 1e-6
 # shares of the largest number of steps: for one way to start, and for lowering the mesh's terms
 PATIENCE, FOLLOWING = 0.5, 0.3
 # steps of a careful march end closer to their solution and grow slower
-CAREFUL = {"loose": 0.1, "max_iterations": 15, "growth": 1.5, "saturate": False}
+CAREFUL: dict[str, Any] = {"loose": 0.1, "max_iterations": 15, "growth": 1.5, "saturate": False}
 # a neighbouring problem is approached in up to two to the power of this many parts, each of which
 # ends at this update; a part whose steps have to shrink below a share of the largest is halved
 HALVINGS, PART_TOLERANCE, LEAST_SHARE = 4, 5e-2, 0.5
@@ -75,7 +75,9 @@ class Observer:
 
 QUIET = Observer()
 # what leads to a steady state, and what puts the section at its start
-Way = tuple[Callable[[], History], Callable[[Any], None]]
+Start = Callable[[Any], None]
+Way = tuple[Callable[[], History], Start]
+Ease = Callable[[Any, MeshTerms], None]
 
 
 @dataclass(frozen=True)
@@ -98,8 +100,8 @@ class Scheme:
     follow: Callable[..., None]
     control: Callable[[Any, float, int], PseudoTimeControl]
     between: Callable[[Any, Any, float], Any]
-    ease: Callable[[Any, MeshTerms], None] | None = None
-    calm: Callable[[Any], None] | None = None
+    ease: Ease | None = None
+    calm: Start | None = None
 
 
 def solve_level(
@@ -124,11 +126,12 @@ def solve_level(
     control = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
     march = _march(section, control, observer)
     careful = _march(section, replace(control, **CAREFUL), observer)
-    ways = [(march.run, scheme.cold), (careful.run, scheme.cold)]
+    ways: list[Way] = [(march.run, scheme.cold), (careful.run, scheme.cold)]
     if previous is not None:
         ways.insert(0, (partial(march.run, control.largest), partial(_from, previous, scheme)))
-    if scheme.ease is not None:
-        ways += _eased_ways(section, control, observer, scheme)
+    if scheme.ease is not None and scheme.calm is not None:
+        starts = scheme.calm, scheme.cold
+        ways += _eased_ways(section, control, observer, scheme.ease, *starts)
     for run, begin in ways[:-1]:
         begin(section)
         try:
@@ -146,29 +149,34 @@ def _from(previous: Any, scheme: Scheme, section: Any) -> None:
 
 
 def _eased_ways(
-    section: Any, control: PseudoTimeControl, observer: Observer, scheme: Scheme
+    section: Any,
+    control: PseudoTimeControl,
+    observer: Observer,
+    ease: Ease,
+    calm: Start,
+    cold: Start,
 ) -> list[Way]:
     """Ways that start with raised terms of the mesh: calm ones, then cold marches."""
     steps = math.ceil(FOLLOWING * control.max_steps)
-    march, calm = march_of(section, observer), 10**easing.CALMEST
+    march, rate = march_of(section, observer), 10**easing.CALMEST
     follower = march(replace(control, max_steps=steps))
-    starts = []
+    starts: list[tuple[Callable[[], History], MeshTerms, Start]] = []
     for strength in (1.0, RAISED[-1]):
-        calming = easing.Calming(section, march, control, scheme.ease, strength)
-        starts.append((calming.run, MeshTerms(strength, calm), scheme.calm))
-    starts += [(march(control).run, MeshTerms(strength), scheme.cold) for strength in RAISED]
+        calming = easing.Calming(section, march, control, ease, strength)
+        starts.append((calming.run, MeshTerms(strength, rate), calm))
+    starts += [(march(control).run, MeshTerms(strength), cold) for strength in RAISED]
     return [
         (
-            partial(easing.lowered, section, run, follower, scheme.ease),
-            partial(_eased, scheme, terms, begin),
+            partial(easing.lowered, section, run, follower, ease),
+            partial(_eased, ease, terms, begin),
         )
         for run, terms, begin in starts
     ]
 
 
-def _eased(scheme: Scheme, terms: MeshTerms, begin: Callable[[Any], None], section: Any) -> None:
+def _eased(ease: Ease, terms: MeshTerms, begin: Start, section: Any) -> None:
     """Start with other terms of the mesh."""
-    scheme.ease(section, terms)
+    ease(section, terms)
     begin(section)
 
 

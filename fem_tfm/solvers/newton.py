@@ -130,7 +130,7 @@ class DirectSolver:
     def solve(self, rhs: PETSc.Vec, solution: PETSc.Vec, transposed: bool = False) -> None:
         """Solve with the last factorisation, or with its transpose."""
         (self.ksp.solveTranspose if transposed else self.ksp.solve)(rhs, solution)
-        if self.ksp.getConvergedReason() < 0 or not math.isfinite(solution.norm()):
+        if self.ksp.is_diverged or not np.isfinite(solution.norm()):
             self.failed = True
             raise LinearSolveError("linear solve failed")
 
@@ -221,7 +221,7 @@ class BorderedNewton:
         LinearSolveError
             when the matrix is singular, a value is not finite, or no step length will do.
         """
-        self._factor()
+        self.factor()
         start = self.position()
         change = self._tamed(self._correction(), saturate)
         size = self._sizes(change)
@@ -283,7 +283,7 @@ class BorderedNewton:
         LinearSolveError
             when the matrix is singular.
         """
-        self._factor()
+        self.factor()
         schur = np.array([[row.dot(column) for column in self.solved] for row in self.rows])
         unit, rows = np.eye(len(self.borders))[number], np.zeros(len(self.borders))
         found = self.step_vector
@@ -306,7 +306,8 @@ class BorderedNewton:
         for factor, row in zip(factors, self.rows, strict=True):
             vector.axpy(-factor, row)
 
-    def _factor(self) -> None:
+    def factor(self) -> None:
+        """Assemble the Jacobian at the unknowns and factorise it."""
         self.matrix.zeroEntries()
         fem_petsc.assemble_matrix(self.matrix, self.jacobian, bcs=self.bcs)
         self.matrix.assemble()
@@ -340,7 +341,7 @@ class BorderedNewton:
             when the matrix is singular or a value is not finite.
         """
         if factor:
-            self._factor()
+            self.factor()
         return self._correction()
 
     def size(self, change: Change) -> float:

@@ -84,6 +84,7 @@ def test_a_constant_drag_is_of_the_size_of_its_scene() -> None:
     assert len(factors) > 10 and low <= min(factors) < 1 < max(factors) <= high
 
 
+@pytest.mark.slow
 def test_where_the_standard_mesh_terms_fail_raised_ones_say_so(
     dense: dict, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,9 @@ def test_parameter_of_a_default_law(dense: dict[str, Any]) -> None:
 def test_parameter_of_a_named_law(dense: dict[str, Any]) -> None:
     dense["closures"] = {"friction": "dartevelle"}
     case = changed(dense, closures__friction__coefficient=500.0)
-    assert case.scene.model.friction == make("friction", {"model": "dartevelle", "coefficient": 500.0})
+    assert case.scene.model.friction == make(
+        "friction", {"model": "dartevelle", "coefficient": 500.0}
+    )
 
 
 def test_parameters_add_up(dense: dict[str, Any]) -> None:
@@ -128,3 +131,12 @@ def test_a_velocity_beside_the_fraction_makes_a_flux(root: Path) -> None:
 def test_a_key_is_changed_once(root: Path) -> None:
     with pytest.raises(InputError, match="each key once"):
         Case.load(root / "demos/dense_pipe/case3.toml", ["title=a", "title=b"])
+
+
+def test_a_species_has_the_viscosity_of_a_changed_temperature(dense: dict[str, Any]) -> None:
+    """A case that was written with all defaults holds what was given."""
+    dense["gas"] = {"species": "air", "pressure": 1e5}
+    written = Case.from_dict(tomllib.loads(Case.from_dict(dense).dump()))
+    hot = {"gas.temperature": 400.0}
+    assert written.with_values(hot) == Case.from_dict(dense).with_values(hot)
+    assert written.with_values(hot).scene.model.gas.viscosity == pytest.approx(23.1e-6, rel=0.02)

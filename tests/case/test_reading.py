@@ -366,6 +366,19 @@ BAD_TABLES = [
     ({"closures": {"drag": {"model": "wen-yu", "C": 1.0}}}, "closures.drag.C"),
     ({"geometry": {"shape": "duct", "height": 0.01}}, "geometry.width is not given"),
     ({"solid": {}}, "did you mean 'solids'?"),
+    ({"solids": 3}, "solids = 3 is refused: expected a table (particles; without the table"),
+    ({"solids": [{"density": 1.0}]}, "expected a table (particles"),
+    ({"closures": "gidaspow"}, "expected a table (laws of the model)"),
+    ({"numerics": 3}, "expected a table (mesh and solver)"),
+    ({"output": "all"}, "expected a table (files)"),
+    ({"title": {"text": "x"}}, "title = {'text': 'x'} is refused: expected a text"),
+    ({"solution": {"kind": "developed"}}, "expected one of auto, developed"),
+    ({"flow": ["dense"]}, "expected one of dense, duct"),
+    ({"numerics": {"level": {"finest": 3}}}, "numerics.level = {'finest': 3} is refused"),
+    ({"solids": {"grain": {"density": 1.0}}}, "one of the keys density, diameter"),
+    ({"inferred": ["a", 3]}, "inferred[1] = 3 is refused: expected a list of texts"),
+    ({"output": {"fields": ["u_g", "u_q"]}}, "output.fields[1] = 'u_q' is refused"),
+    ({"reference": [{"quantity": "holdup", "value": 0.2, "source": ""}]}, "reference[0].source"),
 ]
 
 

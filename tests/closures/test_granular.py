@@ -2,6 +2,7 @@
 """Kinetic theories: closed numbers, simple shear, Haff's law, limits, scaling with Theta."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ DIAMETER = 0.05
 
 def unit(restitution):
     """Grains with rho_s = d = 1, so that coefficients are dimensionless."""
-    return Solids(1.0, 1.0, restitution=restitution)
+    return SimpleNamespace(density=1.0, diameter=1.0, restitution=restitution)
 
 
 def starling(alpha):

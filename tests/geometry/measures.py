@@ -57,7 +57,7 @@ def jacobians(mesh: Mesh) -> npt.NDArray[np.float64]:
 
 def nodes(mesh: Mesh, name: str) -> npt.NDArray[np.float64]:
     """Coordinates of the geometry nodes on the facets called `name`, shape (n, 3)."""
-    space = fem.functionspace(mesh.mesh, ("Lagrange", mesh.mesh.section.cmaps[0].degree))
+    space = fem.functionspace(mesh.mesh, ("Lagrange", mesh.mesh.geometry.cmaps[0].degree))
     dim = mesh.mesh.topology.dim - 1
     dofs = fem.locate_dofs_topological(space, dim, mesh.facets(name))
     return space.tabulate_dof_coordinates()[dofs]

@@ -125,8 +125,8 @@ def test_each_part_is_where_its_name_says(geometry: Section) -> None:
 def test_whole_is_the_half_and_its_mirror_image(kind: type) -> None:
     lengths = (0.01,) if kind is RoundSection else (0.02, 0.01)
     half, whole = (section(kind(*lengths, symmetry), 2) for symmetry in ("half", "none"))
-    tree = cKDTree(whole.mesh.section.x)
-    images = [half.mesh.section.x * [side, 1, 1] for side in (1, -1)]
+    tree = cKDTree(whole.mesh.geometry.x)
+    images = [half.mesh.geometry.x * [side, 1, 1] for side in (1, -1)]
     matches = [tree.query(image) for image in images]
     assert max(gap.max() for gap, _ in matches) < 1e-8 * RADIUS
     assert len(np.unique([row for _, rows in matches for row in rows])) == tree.n
@@ -157,7 +157,7 @@ def test_no_triangle_touches_wall_and_symmetry_plane_of_a_pipe_with_an_edge_each
 @pytest.mark.parametrize("ratio", [1.0, 0.25, 0.02])
 def test_grading_of_a_pipe(ratio: float) -> None:
     mesh = section(PIPE, 3, wall_grading=ratio, order=1)
-    x = mesh.mesh.section.x
+    x = mesh.mesh.geometry.x
     axis = np.sort(x[(np.abs(x[:, 0]) < 1e-12) & (x[:, 1] >= 0), 1])
     steps = np.diff(axis)
     assert steps[-1] == pytest.approx(ratio * mesh.size, rel=1e-6)
@@ -172,7 +172,7 @@ def test_grading_of_a_pipe(ratio: float) -> None:
 def test_grading_of_a_duct(ratio: float) -> None:
     mesh = section(DUCT, 3, wall_grading=ratio)
     for axis, half in ((0, DUCT.width / 2), (1, DUCT.height / 2)):
-        x = mesh.mesh.section.x[:, axis] / half
+        x = mesh.mesh.geometry.x[:, axis] / half
         lines = np.unique(np.round(x, 9))
         # every second coordinate is a mid-side node
         steps = np.diff(lines[lines > -1e-9][::2]) * half
@@ -182,7 +182,7 @@ def test_grading_of_a_duct(ratio: float) -> None:
 
 def test_layers_along_a_curved_wall_are_even() -> None:
     mesh = section(PIPE, 1, wall_grading=0.02)
-    x = mesh.mesh.section.x
+    x = mesh.mesh.geometry.x
     r = np.unique(np.round(np.hypot(x[:, 0], x[:, 1]) / RADIUS, 7))
     # wall, middle of the wall cell, its inner side: nothing between them
     thickness = 0.02 * mesh.size / RADIUS

@@ -180,7 +180,7 @@ def test_sweep_lines_are_sorted_and_grouped() -> None:
 
     axes = Figure().subplots()
     table = {"x": [3.0, 1.0, 2.0, 1.0], "drag": ["a", "a", "a", "b"], "y": [9.0, 1.0, 4.0, 7.0]}
-    pictures._lines(axes, table, ["x", "drag"], "y")
+    pictures.plot_lines(axes, table, ["x", "drag"], "y")
     first, second = axes.lines
     assert list(first.get_xdata()) == [1.0, 2.0, 3.0]
     assert list(first.get_ydata()) == [1.0, 4.0, 9.0]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -14,6 +15,7 @@ from mpi4py import MPI
 from fem_tfm import Case
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.section import RectangularSection
+from fem_tfm.materials import Solids
 from fem_tfm.models.finite_volume import UnsteadyFlow
 
 TAGS = {"inlet": 1, "outlet": 2, "wall": 3, "symmetry": 4}
@@ -94,3 +96,10 @@ def flow(
     """The flow of such a case, at rest."""
     given = case(mesh, {"numerics.order": order, **(changes or {})}, alone)
     return UnsteadyFlow(given.scene.problem(), mesh)
+
+
+def immovable(solids: Solids) -> Solids:
+    """Grains so heavy that nothing moves them, beyond what a case may state."""
+    found = copy.copy(solids)
+    object.__setattr__(found, "density", 1e12)
+    return found

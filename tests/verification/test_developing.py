@@ -158,6 +158,7 @@ def test_what_enters_is_what_was_given() -> None:
     assert abs(speed[:, :2]).max() == 0
 
 
+@pytest.mark.slow
 def test_turbulence_that_enters() -> None:
     """k = 3/2 (I u)^2 and eps = C_mu^0.75 k^1.5/l of both phases, at their mean velocities."""
     case = line(**FOUR, inlet__gas_intensity=0.08, inlet__length_scale=0.05)
@@ -237,7 +238,7 @@ def test_jacobian_of_a_station(chosen: dict[str, Any]) -> None:
     along = random.standard_normal(x.size)
     for condition in newton.bcs:
         condition.set(along, alpha=0.0)
-    newton._factor()
+    newton.factor()
     vector, product = newton.rhs.duplicate(), newton.rhs.duplicate()
     vector.array[:] = along[: newton.rhs.local_size]
     newton.matrix.mult(vector, product)

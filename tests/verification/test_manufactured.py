@@ -227,7 +227,7 @@ class Weak:
 
 GAS, SOLIDS = (
     Gas(1.5, 0.05),
-    Solids(4.0, 0.2, friction_limit=0.3, friction_angle_deg=28.648),
+    Solids(4.0, 0.1, friction_limit=0.3, friction_angle_deg=28.648),
 )
 SMOOTH = {
     "closures.drag.width": 0.2,

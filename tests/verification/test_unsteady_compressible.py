@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from boxes import AIR, GRAINS, box, flow
+from boxes import AIR, GRAINS, box, flow, immovable
 from mpi4py import MPI
 
 from fem_tfm.models.finite_volume import Inflow, StepFailed, UnsteadyFlow
@@ -102,7 +102,7 @@ def test_gas_expands_along_a_fixed_bed(ratio: float, alpha: float, order: int) -
     mesh = box((0.02, 0.02, length), (1, 1, cells))
     found = flow(mesh, nitrogen(outlet * ratio) | fed, order=order)
     # grains that nothing moves
-    found.laws.solids = replace(found.solids, density=1e12)
+    found.laws.solids = immovable(found.solids)
     found.initialise(alpha)
     for _ in range(40):
         found.advance(2e-2, Inflow(speed))
@@ -231,7 +231,7 @@ def test_thick_gas_has_the_drop_of_constant_density_in_a_bed(order: int) -> None
     def drop(gas: dict[str, Any]) -> float:
         fed = {"operation.solids_velocity": 1.0}
         found = flow(box((0.02, 0.02, 0.1), (1, 1, 10)), gas | fed, order=order)
-        found.laws.solids = replace(found.solids, density=1e12)
+        found.laws.solids = immovable(found.solids)
         found.initialise(0.6)
         for _ in range(60):
             found.advance(1e-3, Inflow(1.0))

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from boxes import AIR, GRAINS, box, flow
+from boxes import AIR, GRAINS, box, flow, immovable
 from mpi4py import MPI
 from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq
@@ -16,14 +16,9 @@ from scipy.optimize import brentq
 from fem_tfm.closures import make
 from fem_tfm.materials import Gas
 from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow
-from fem_tfm.models.finite_volume.state import (
-    SMALLEST_FRACTION,
-    SMALLEST_THETA,
-    SolidsDeformation,
-    SolidsTransport,
-    Step,
-)
-from fem_tfm.models.finite_volume.time_levels import implicit_euler
+from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, SolidsTransport
+from fem_tfm.models.finite_volume.time_levels import Step, implicit_euler
+from fem_tfm.models.pointwise import tangential
 
 G = 9.81
 UPRIGHT = {"geometry.inclination_deg": 90.0, "operation.gravity": G}
@@ -105,7 +100,7 @@ def test_turbulent_gas_between_plates_feels_the_wall_alike_on_every_mesh(layers:
     def bulk(gradient: float) -> float:
         def shear(distance: float) -> float:
             def surplus(rate: float) -> float:
-                mu_t = law.eddy_viscosity(rate, distance, gas, found.laws.width / 2)
+                mu_t = law.eddy_viscosity(rate, distance, gas, found.laws.diameter / 2)
                 return (gas.viscosity + mu_t) * rate - gradient * (height / 2 - distance)
 
             return brentq(surplus, 0.0, gradient * height / gas.viscosity)
@@ -129,7 +124,7 @@ def test_a_vortex_in_a_box_dies_as_its_sides_bear_it(
     size, viscosity, cells = 0.01, 1e-2, 16
     mesh = box((size, size, size / cells), (cells, cells, 1), f"{4 * sides}ss")
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    points = mesh.mesh.section.x
+    points = mesh.mesh.geometry.x
     points[:, :2] = points[:, :2] @ turn.T
     found = flow(mesh, {"gas": {"density": 1.0, "viscosity": viscosity}}, alone=True, order=order)
     k = math.pi / size
@@ -179,7 +174,7 @@ def test_long_steps_find_the_drop_of_a_fixed_bed(order: int) -> None:
     speed, alpha, length, cells = 2.8, 0.4, 1.0, 40
     found = flow(box((0.02, 0.02, length), (1, 1, cells)), order=order)
     # grains that nothing moves
-    found.laws.solids = replace(found.solids, density=1e12)
+    found.laws.solids = immovable(found.solids)
     found.initialise(alpha)
     drops = []
     for _ in range(40):
@@ -236,7 +231,8 @@ def test_a_settled_column_rests_on_its_own_pressure(dt: float, steps: int, order
     for _ in range(steps):
         found.advance(dt, Inflow(0.0))
     alpha = line(found, found.now.alpha)[1]
-    p_s = found.laws.solids_pressure(found.now.alpha, found.now.theta, found.deformation(found.now))
+    rates = found.deformation(found.now).rates
+    p_s = found.laws.solids_pressure(found.now.alpha, found.now.theta, *rates)
     p_s, u = line(found, p_s)[1], line(found, found.now.u_s[:, 2])[1]
     above = np.cumsum(alpha[::-1])[::-1] - alpha / 2
     weight = (GRAINS["density"] - AIR["density"]) * G * 0.005 * above
@@ -256,11 +252,10 @@ def column(cells: int, order: int = 0, friction: str = "berzi") -> UnsteadyFlow:
 def hydrostatic(found: UnsteadyFlow, cells: int, surface: float) -> np.ndarray:
     """Solids fractions whose pressure bears what lies above the centre of each cell."""
     heavy = (GRAINS["density"] - AIR["density"]) * G * found.mesh.length / (2 * cells)
-    rest = SolidsDeformation(np.zeros((1, 3, 3)), np.zeros(1), np.zeros(1))
+    theta = found.laws.regularisation.theta_floor
 
     def pressure(alpha: float) -> float:
-        theta = np.full(1, SMALLEST_THETA)
-        return found.laws.solids_pressure(np.full(1, alpha), theta, rest).item()
+        return found.laws.solids_pressure(alpha, theta, 0.0, 0.0)
 
     # the uppermost cell lays on its upper half what it can bear
     fractions, above = [surface], heavy * surface - min(pressure(surface), heavy * surface / 2)
@@ -384,10 +379,10 @@ def test_walls_slow_grains_as_their_law_says(law: str) -> None:
     found.now = replace(found.now, u_s=np.broadcast_to(u, found.now.u_s.shape).copy())
     now, laws, edge = found.now, found.laws, found.cells.first[found.line.wall]
     rates, rest = found.deformation(now), np.zeros(found.cells.count)
-    slip = laws.slip(now.u_s[edge], found.line.normal[found.line.wall])
-    assert slip == pytest.approx(speed)
-    grains = laws.grains(now.alpha, now.theta, rates)
+    slip = tangential(now.u_s[edge], found.line.normal[found.line.wall])
+    grains = laws.coefficients(now.alpha, now.theta, *rates.rates)
     state = laws.wall_state(now.alpha, now.theta, grains, slip, edge)
+    assert state.slip == pytest.approx(speed)
     friction = np.ravel(make("solids-wall", law).friction(state, found.solids))[0]
     rate = 4 * friction / (GRAINS["density"] * alpha * size)
     still = np.zeros(found.cells.face_count)

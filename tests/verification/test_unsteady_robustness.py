@@ -112,7 +112,7 @@ def test_gas_sweeps_a_bed_without_driving_either_phase_out(
         assert max(np.abs(found.now.u_s).max(), np.abs(found.now.u_g).max()) < 5 * speed
 
 
-@pytest.mark.parametrize("dt", [2e-4, 1e-3])
+@pytest.mark.parametrize("dt", [pytest.param(2e-4, marks=pytest.mark.slow), 1e-3])
 def test_a_blocked_outlet_packs_the_duct(order: int, dt: float) -> None:
     found = conveying(order)
     found.set_velocities(0.6 * AXIS, 0.6 * AXIS)

@@ -101,7 +101,7 @@ def test_uniform_suspension_is_an_equilibrium(fraction: float) -> None:
     def largest(drive: float) -> float:
         section.drive.value = drive
         rows = section.newton.assemble_residual()
-        return max(abs(rows[section._dofs[i]]).max() for i in (0, 2))
+        return max(abs(rows[section.owned_dofs[i]]).max() for i in (0, 2))
 
     balanced, without_drive = largest(fraction * excess), largest(0.0)
     section.now.x.array[:], section.drive.value = kept

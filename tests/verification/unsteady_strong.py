@@ -15,8 +15,8 @@ import numpy as np
 from strong import STEP, WEIGHTS, derivative
 
 from fem_tfm.models.finite_volume import UnsteadyProblem
-from fem_tfm.models.finite_volume.laws import FADING_FRACTION, SLIP_FLOOR
 from fem_tfm.models.finite_volume.state import Sources
+from fem_tfm.models.pointwise import SLIP_FLOOR, VOID_FRACTION
 
 Field = Callable[[np.ndarray], np.ndarray]
 FieldInTime = Callable[[np.ndarray, float], np.ndarray]
@@ -103,7 +103,7 @@ class Strong:
         alpha, theta = self.exact.alpha(x, t), self.exact.theta(x, t)
         g0 = self.laws.radial.g0(alpha, self.solids)
         found = self.laws.granular.coefficients(alpha, theta, g0, self.solids, self.width)
-        fade = alpha / (alpha + FADING_FRACTION)
+        fade = alpha**2 / (alpha**2 + VOID_FRACTION**2)
         return found._replace(
             shear_viscosity=fade * found.shear_viscosity, conductivity=fade * found.conductivity
         )

@@ -52,6 +52,12 @@ class Grains:
     viscosity: Any = None
     eddies: Eddies | None = None
 
+    @property
+    def own(self) -> Eddies:
+        """The eddies of the solids, for a law that transports them."""
+        assert self.eddies is not None
+        return self.eddies
+
 
 @dataclass(frozen=True)
 class GasEddies:
@@ -74,10 +80,12 @@ class Dispersed(Closure):
 
     transported : names of the logarithms that it makes unknowns
     needs_k : it asks for a gas turbulence that transports k
+    normal_stress : share of 2/3 a rho k in the stress of each phase [-]
     """
 
     transported: ClassVar[tuple[str, ...]] = ()
     needs_k: ClassVar[bool] = True
+    normal_stress: float = 0.0
 
     @abstractmethod
     def viscosity(self, gas: GasEddies, grains: Grains) -> Value:
@@ -244,7 +252,7 @@ class DispersedKEpsilon(Dispersed):
 
     def viscosity(self, gas: GasEddies, grains: Grains) -> Value:
         """nu_s [m2/s]."""
-        own = grains.eddies
+        own = grains.own
         return realizable_c_mu(own, self.A_0) * own.k**2 / own.eps
 
     def _power(self, gas: GasEddies, grains: Grains, received: Value) -> Value:
@@ -256,7 +264,7 @@ class DispersedKEpsilon(Dispersed):
         """C_sg k_s - C_gs k_g [m2/s2]."""
         time = relaxation_time(gas, grains, self.C_A)
         eta = eddy_time(gas, grains, self.C_beta) / time
-        return self.C_sg * grains.eddies.k - 2 * eta / (1 + eta) * gas.k
+        return self.C_sg * grains.own.k - 2 * eta / (1 + eta) * gas.k
 
     def gain(self, gas: GasEddies, grains: Grains) -> Value:
         """Power given to k_g over a_g rho_g k_g [1/s]."""
@@ -264,7 +272,7 @@ class DispersedKEpsilon(Dispersed):
 
     def balances(self, gas: GasEddies, grains: Grains) -> dict[str, Balance]:
         """Transport of ln k_s and ln eps_s."""
-        own, nu_t = grains.eddies, self.viscosity(gas, grains)
+        own, nu_t = grains.own, self.viscosity(gas, grains)
         power = self._power(gas, grains, -self.exchange(gas, grains))
         gain = power / (grains.solids.density * own.k)
         energy = nu_t * own.strain**2 / own.k - own.eps / own.k + gain

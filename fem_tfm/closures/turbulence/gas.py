@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 
 from fem_tfm.closures.base import Closure, parameter, register
 from fem_tfm.closures.ops import Value, acos, cos, exp, maximum, safe_pow
-from fem_tfm.materials import Gas
+from fem_tfm.materials import Fluid
 
 _TINY_RE = 1e-4
 _KINK = 1e-3
@@ -40,7 +40,7 @@ class Eddies:
 
     strain: Any
     distance: Any
-    gas: Gas
+    gas: Fluid
     radius: Any
     spin: Any = None
     A_s: Any = None
@@ -104,7 +104,7 @@ class Algebraic(Turbulence):
         return self.eddy_viscosity(eddies.strain, eddies.distance, eddies.gas, eddies.radius)
 
     @abstractmethod
-    def eddy_viscosity(self, strain: Value, distance: Value, gas: Gas, radius: Value) -> Value:
+    def eddy_viscosity(self, strain: Value, distance: Value, gas: Fluid, radius: Value) -> Value:
         """mu_t [Pa s] at shear rate `strain` [1/s] and wall distance [m]; radius R [m]."""
 
 
@@ -125,7 +125,7 @@ class Laminar(Algebraic):
     Source: definition.
     """
 
-    def eddy_viscosity(self, strain: Value, distance: Value, gas: Gas, radius: Value) -> Value:
+    def eddy_viscosity(self, strain: Value, distance: Value, gas: Fluid, radius: Value) -> Value:
         """Zero."""
         return 0.0
 
@@ -152,7 +152,7 @@ class MixingLength(Algebraic):
     kappa: float = parameter(0.41, "-", "von Karman constant", gt=0)
     Re_0: float = parameter(60.0, "-", "Re_S at which the estimate of y+ switches", gt=0)
 
-    def eddy_viscosity(self, strain: Value, distance: Value, gas: Gas, radius: Value) -> Value:
+    def eddy_viscosity(self, strain: Value, distance: Value, gas: Fluid, radius: Value) -> Value:
         """mu_t [Pa s]."""
         damped = self.length(distance, radius) * self.damping(strain, distance, gas)
         return gas.density * damped**2 * strain
@@ -161,7 +161,7 @@ class MixingLength(Algebraic):
         """Nikuradse's mixing length without damping [m]."""
         return nikuradse(distance, radius)
 
-    def damping(self, strain: Value, distance: Value, gas: Gas) -> Value:
+    def damping(self, strain: Value, distance: Value, gas: Fluid) -> Value:
         """van Driest's factor 1 - exp(-y+/A) [-]."""
         re = gas.density * distance**2 * strain / gas.viscosity
         near = exp(-re / self.Re_0)

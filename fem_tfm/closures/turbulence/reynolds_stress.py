@@ -82,9 +82,12 @@ class StressLaw(Closure):
     """Interface of the Reynolds stresses.
 
     transported : whether R_ij is an unknown; else it is that of an eddy viscosity
+    C_e1, C_e2 : production and dissipation of eps [-]
     """
 
     transported: ClassVar[bool] = True
+    C_e1: float
+    C_e2: float
 
     @abstractmethod
     def log_layer(self) -> LogLayer:
@@ -95,9 +98,14 @@ class StressLaw(Closure):
         return self
 
 
-@dataclass(frozen=True)
 class Transported(StressLaw):
-    """What the laws with a transport equation for each stress share."""
+    """What the laws with a transport equation for each stress share.
+
+    C_s, C_eps : diffusion of the stresses and of eps [-]
+    """
+
+    C_s: float
+    C_eps: float
 
     @abstractmethod
     def redistribution(

@@ -25,7 +25,13 @@ LOWEST = 11.0
 
 
 class WallFunction(Closure):
-    """Interface of a wall function of the velocity."""
+    """Interface of a wall function of the velocity.
+
+    kappa, E : constants of its log law [-]
+    """
+
+    kappa: float
+    E: float
 
     @abstractmethod
     def friction(self, k: Value, distance: Value, nu: Value) -> Value:

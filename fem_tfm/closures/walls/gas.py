@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 
 from fem_tfm.closures.base import Closure, parameter, register
 from fem_tfm.closures.ops import Value, exp, lambert_w, ln, maximum, sqrt
-from fem_tfm.materials import Gas
+from fem_tfm.materials import Fluid
 
 # width of the strip of the log law over y_p, and the flux it adds to a pipe
 STRIP, STRIP_FLUX = 3.0, 5.0
@@ -39,7 +39,7 @@ class GasWallState:
 
     speed: Any
     distance: Any
-    gas: Gas
+    gas: Fluid
     k: Any = None
 
 
@@ -59,7 +59,7 @@ class GasWall(Closure):
         return self.friction(state.speed, state.distance, state.gas)
 
     @abstractmethod
-    def friction(self, speed: Value, distance: Value, gas: Gas) -> Value:
+    def friction(self, speed: Value, distance: Value, gas: Fluid) -> Value:
         """Coefficient c [Pa s/m] at a speed [m/s] found `distance` [m] off the wall."""
 
     def stretched(self, distance: Value, offset: Value) -> tuple[Value, Value]:
@@ -121,7 +121,7 @@ class LogLaw(OffsetWall):
     E: float = parameter(9.8, "-", "constant of a smooth wall", gt=1)
     n: float = parameter(5.0, "-", "sharpness of the blend", ge=1)
 
-    def friction(self, speed: Value, distance: Value, gas: Gas) -> Value:
+    def friction(self, speed: Value, distance: Value, gas: Fluid) -> Value:
         """Coefficient c [Pa s/m] at a speed [m/s] found `distance` [m] off the wall."""
         re = gas.density * speed * distance / gas.viscosity
         log = lambert_w(self.kappa * self.E * (re + exp(-re))) / self.kappa
@@ -180,7 +180,7 @@ class LowReynolds(OffsetWall):
 
     resolved: ClassVar[bool] = True
 
-    def friction(self, speed: Value, distance: Value, gas: Gas) -> Value:
+    def friction(self, speed: Value, distance: Value, gas: Fluid) -> Value:
         """Coefficient c = mu_g/y [Pa s/m]."""
         return gas.viscosity / distance
 
@@ -198,7 +198,7 @@ class GasNoSlip(GasWall):
 
     strong: ClassVar[bool] = True
 
-    def friction(self, speed: Value, distance: Value, gas: Gas) -> Value:
+    def friction(self, speed: Value, distance: Value, gas: Fluid) -> Value:
         """Zero: the condition is imposed on the velocity."""
         return 0.0
 
@@ -214,6 +214,6 @@ class GasFreeSlip(GasWall):
     Source: definition.
     """
 
-    def friction(self, speed: Value, distance: Value, gas: Gas) -> Value:
+    def friction(self, speed: Value, distance: Value, gas: Fluid) -> Value:
         """Zero."""
         return 0.0

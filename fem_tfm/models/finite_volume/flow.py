@@ -17,7 +17,6 @@ from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
 from fem_tfm.models.finite_volume.fraction import SolidsFraction
 from fem_tfm.models.finite_volume.ideal_gas import IdealGas, RelativeDensity, gas_volume
-from fem_tfm.models.finite_volume.laws import CellLaws
 from fem_tfm.models.finite_volume.momentum import Momentum
 from fem_tfm.models.finite_volume.pressure import PressureProjection
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
@@ -26,13 +25,11 @@ from fem_tfm.models.finite_volume.state import (
     CELL_FIELDS,
     FACE_FIELDS,
     SMALLEST_FRACTION,
-    SMALLEST_THETA,
     Inflow,
     Masses,
     Report,
     SolidsDeformation,
     State,
-    Step,
     StepFailed,
 )
 from fem_tfm.models.finite_volume.temperature import GranularTemperature
@@ -42,9 +39,11 @@ from fem_tfm.models.finite_volume.time_levels import (
     PREVIOUS_GAS_CELL_FIELDS,
     PREVIOUS_GAS_FACE_FIELDS,
     PreviousStep,
+    Step,
     TimeLevels,
 )
 from fem_tfm.models.finite_volume.turbulence import Turbulence
+from fem_tfm.models.pointwise import Invariants
 
 FAILURES = (SolverError, FloatingPointError, np.linalg.LinAlgError)
 
@@ -69,7 +68,7 @@ class UnsteadyFlow:
     def __init__(self, problem: UnsteadyProblem, mesh: Mesh) -> None:
         self.problem, self.mesh = problem, mesh
         self.gas, self.solids = problem.gas, problem.solids
-        self.line, self.laws = LineMesh(problem, mesh), CellLaws(problem)
+        self.line, self.laws = LineMesh(problem, mesh), problem.pointwise()
         self.cells = self.line.cells
         self.scheme = FirstOrder(self.line)
         if problem.second_order:
@@ -97,18 +96,18 @@ class UnsteadyFlow:
         self.momentum = Momentum(line, laws, scheme, problem.gravity, hydrostatic_density)
         self.pressure = PressureProjection(line, laws, problem.compressible)
 
-    def initialise(self, alpha: Any = 0.0, theta: float = SMALLEST_THETA, p: Any = 0.0) -> None:
+    def initialise(self, alpha: Any = 0.0, theta: float | None = None, p: Any = 0.0) -> None:
         """Put both phases at rest, at time zero.
 
         alpha, p : solids fraction [-] and pressure [Pa], numbers or arrays over all cells
-        theta : granular temperature [m2/s2]
+        theta : granular temperature [m2/s2], None for the smallest
         """
         cells = self.cells
         zero, flux = np.zeros(cells.count), np.zeros(cells.face_count)
         vector = np.zeros((cells.count, 3))
         self.now = State(
             alpha=zero + alpha,
-            theta=zero + theta,
+            theta=zero + (self.laws.regularisation.theta_floor if theta is None else theta),
             p=zero + p,
             u_s=vector,
             u_g=vector,
@@ -184,6 +183,7 @@ class UnsteadyFlow:
         """Relative density of the gas in the present and in the previous state [-]."""
         if self.ideal_gas is None or self.previous is None:
             return 1.0, 1.0
+        assert self.previous.p is not None
         return self.ideal_gas.relative(self.now.p), self.ideal_gas.relative(self.previous.p)
 
     def _step(self, levels: TimeLevels, dt: float, inflow: Inflow) -> Step:
@@ -198,7 +198,7 @@ class UnsteadyFlow:
         if self.solids is not None:
             step = self._solve_fraction(step, density)
             step = self._solve_temperature(step, density)
-        if self.ideal_gas:
+        if self.ideal_gas and density is not None:
             step = replace(step, gas=self.ideal_gas.balance(step, density))
         if self.turbulence:
             scales, iterations = self.turbulence.solve(step)
@@ -236,12 +236,13 @@ class UnsteadyFlow:
         The solids pressure acts on the flux from the first step on, so its weight must, too.
         """
         cells, state, start = self.cells, step.state, step.levels.start
-        gas_density = self.gas.density
+        gas_density: Array | float = self.gas.density
         if density is not None:
             gas_density = gas_density * cells.to_faces(density.now)
-        drag = sum(self.drag(state, density))
-        response = self.pressure.response(state.alpha, drag, step.dt, gas_density)[0]
-        p_s = self.laws.solids_pressure(state.alpha, state.theta, step.deformation)
+        drag, growth = self.drag(state, density)
+        response = self.pressure.response(state.alpha, drag + growth, step.dt, gas_density)[0]
+        alpha = np.maximum(state.alpha, 0.0)
+        p_s = self.laws.solids_pressure(alpha, state.theta, *step.deformation.rates)
         weight = self.momentum.supported_weight(state.alpha, p_s)
         flux = start.solids_flux + response * cells.face_area * weight
         levels = replace(step.levels, start=replace(start, solids_flux=flux))
@@ -268,7 +269,7 @@ class UnsteadyFlow:
         cells = self.cells
         gradient = cells.ghosted(cells.gradient(state.u_s))
         dilation = cells.ghosted(cells.net_flux(state.solids_flux) / self.line.volume)
-        return self.laws.deformation(gradient, dilation)
+        return SolidsDeformation(gradient, Invariants(gradient).square, dilation)
 
     def _predicted_deformation(self, levels: TimeLevels) -> SolidsDeformation:
         """Deformation predicted for the end of the step, but for the gradient, which is present.
@@ -284,8 +285,9 @@ class UnsteadyFlow:
 
     def drag(self, state: State, density: RelativeDensity | None = None) -> tuple[Array, Array]:
         """beta and its growth with the slip, |u| d(beta)/d|u|, in all cells [kg/m3/s]."""
-        laws = self.laws if density is None else self.laws.of(density.end)
-        return laws.steep_drag(state.alpha, state.u_g - state.u_s, self.line.gas_profile[0])
+        laws = self.laws if density is None else self.laws.with_density(density.end)
+        alpha, speed = np.maximum(state.alpha, SMALLEST_FRACTION), laws.speed(state.u_g - state.u_s)
+        return laws.drag_and_growth(alpha, speed, self.line.gas_profile[0])
 
     # -- masses --------------------------------------------------------------------------------
 
@@ -377,18 +379,18 @@ class UnsteadyFlow:
         cells, alpha = self.cells, self.cells.to_faces(state.alpha)
         gas = state.total_flux - alpha * state.solids_flux
         gas = gas / np.maximum(1 - alpha, SMALLEST_FRACTION)
-        solids, gas = (
+        of_solids, of_gas = (
             cells.largest(
                 cells.sum_by_side(np.maximum(flux, 0.0), np.maximum(-flux, 0.0)) / self.line.volume
             )
             for flux in (state.solids_flux, gas)
         )
-        return solids, gas
+        return of_solids, of_gas
 
     def quantities(self) -> dict[str, float]:
-        """Numbers of the whole line now, in SI units.
+        """Quantities of the whole line, in SI units (collective).
 
-        The flows are those through the outlet, the pressure drop that from the inlet's cells to it.
+        Mass flows are those through the outlet, the pressure drop the one from the inlet's cells.
         """
         cells, now, own = self.cells, self.now, slice(0, self.cells.owned)
         entry, size = cells.first[self.line.inlet], cells.face_area[self.line.inlet]
@@ -397,12 +399,14 @@ class UnsteadyFlow:
         factor = self.mesh.section.area_factor
         leaving = cells.to_faces(now.alpha)[self.line.outlet] * now.solids_flux[self.line.outlet]
         gas = now.total_flux[self.line.outlet] - leaving
-        gas = cells.total(gas * self.ideal_gas.outlet_relative_density if self.ideal_gas else gas)
+        if self.ideal_gas is not None:
+            gas = gas * self.ideal_gas.outlet_relative_density
         room = cells.total(self.line.volume)
+        assert self.mesh.length is not None
         found = {
             "pressure_gradient": drop / self.mesh.length,
             "pressure_drop": drop,
-            "gas_mass_flow": factor * self.gas.density * gas,
+            "gas_mass_flow": factor * self.gas.density * cells.total(gas),
         }
         if self.solids is None:
             return found
@@ -413,10 +417,10 @@ class UnsteadyFlow:
         }
 
     def state(self) -> dict[str, Array]:
-        """Everything that the next step needs, bit for bit.
+        """Everything that the next step needs for the same result, bit for bit.
 
         Arrays over owned cells, those on faces as (owned, facets of a cell), and numbers. The next
-        step builds its multigrid anew, so that a run that goes on equals one that is restored.
+        step builds its multigrid anew, so that a run that continues equals one that is restored.
         """
         self.pressure.renew()
         cells, own = self.cells, slice(0, self.cells.owned)
@@ -424,7 +428,7 @@ class UnsteadyFlow:
         for name, directed in FACE_FIELDS.items():
             found[name] = cells.faces_by_cell(getattr(self.now, name), directed)
         found |= {name: values[own].copy() for name, values in self.now.scales.items()}
-        of_cells, of_faces = self._names_of_past
+        of_cells, of_faces = self._previous_fields
         if self.previous is not None:
             for name in of_cells:
                 found[f"before_{name}"] = getattr(self.previous, name)[own].copy()
@@ -437,8 +441,8 @@ class UnsteadyFlow:
         return found | {f"mass_{n}": np.array(v) for n, v in vars(self.masses).items()}
 
     @property
-    def _names_of_past(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """What the next step takes from before the last one, in cells and on faces."""
+    def _previous_fields(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of the fields of the previous step, in cells and on faces."""
         if self.ideal_gas is None:
             return PREVIOUS_CELL_FIELDS, PREVIOUS_FACE_FIELDS
         return (
@@ -447,15 +451,15 @@ class UnsteadyFlow:
         )
 
     def restore(self, state: Mapping[str, Array]) -> None:
-        """Take over what `state` gave, also from another division into ranks (collective)."""
+        """Restore what `state` gave, also from another partition of the mesh (collective)."""
         cells = self.cells
-        found = {name: cells.ghosted(np.asarray(state[name])) for name in CELL_FIELDS}
+        found: dict[str, Any] = {n: cells.ghosted(np.asarray(state[n])) for n in CELL_FIELDS}
         for name, directed in FACE_FIELDS.items():
             found[name] = cells.from_faces_by_cell(np.asarray(state[name]), directed)
         found["scales"] = {n: cells.ghosted(np.asarray(state[n])) for n in self.now.scales}
         self.now, self.previous = State(**found), None
         if self.scheme.needs_previous and "before_dt" in state:
-            of_cells, of_faces = self._names_of_past
+            of_cells, of_faces = self._previous_fields
             scales = self.now.scales
             names = *of_cells, *of_faces, *scales
             given = {name: np.asarray(state[f"before_{name}"]) for name in names}
@@ -464,12 +468,12 @@ class UnsteadyFlow:
             found["scales"] = {name: cells.ghosted(given[name]) for name in scales}
             self.previous = PreviousStep(float(state["before_dt"]), **found)
         self.time, self.steps = float(state["time"]), int(state["steps"])
-        names = (f.name for f in fields(Masses))
-        self.masses = Masses(**{name: float(state[f"mass_{name}"]) for name in names})
+        masses = {f.name: float(state[f"mass_{f.name}"]) for f in fields(Masses)}
+        self.masses = Masses(**masses)
         self.pressure.renew()
 
     def fields(self) -> dict[str, fem.Function]:
-        """Values of the cells for output, in functions that are made once."""
+        """Fields of the cells for output; the functions are made once."""
         arrays = {"u_g": self.now.u_g, "pressure": self.now.p}
         if self.solids is not None:
             arrays = {"alpha_s": self.now.alpha, "u_s": self.now.u_s, **arrays}

@@ -19,9 +19,10 @@ from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
-from fem_tfm.models.finite_volume.laws import CellLaws
 from fem_tfm.models.finite_volume.scheme import FirstOrder
-from fem_tfm.models.finite_volume.state import LONELY_FRACTION, SolidsTransport, Step
+from fem_tfm.models.finite_volume.state import LONELY_FRACTION, SolidsTransport
+from fem_tfm.models.finite_volume.time_levels import Step
+from fem_tfm.models.pointwise import Pointwise
 
 # residual [-], change [-] and iterations of Newton's method
 RESIDUAL, CHANGE, ITERATIONS = 1e-10, 1e-12, 40
@@ -43,7 +44,7 @@ class SolidsFraction:
     line, laws, scheme : mesh, coefficients, order
     """
 
-    def __init__(self, line: LineMesh, laws: CellLaws, scheme: FirstOrder) -> None:
+    def __init__(self, line: LineMesh, laws: Pointwise, scheme: FirstOrder) -> None:
         self.line, self.laws, self.scheme = line, laws, scheme
         self._matrix = CellMatrix(line.cells)
         self._krylov = Krylov(self._matrix, "transport", LINEAR_TOLERANCE)
@@ -94,7 +95,7 @@ class _Equation:
     """
 
     def __init__(
-        self, line: LineMesh, laws: CellLaws, scheme: FirstOrder, step: Step, response: Array
+        self, line: LineMesh, laws: Pointwise, scheme: FirstOrder, step: Step, response: Array
     ) -> None:
         self.line, self.laws, self.scheme, self.step = line, laws, scheme, step
         cells, levels, inflow = line.cells, step.levels, step.inflow
@@ -102,7 +103,7 @@ class _Equation:
         self._first, self._second = cells.first[line.inner], cells.second
         self._edge = slice(cells.inner_count, None)
         weight = levels.flux_weight
-        self._normal_stress = 0.0
+        self._normal_stress: Array | float = 0.0
         if step.turbulence is not None and step.turbulence.normal_stress is not None:
             self._normal_stress = step.turbulence.normal_stress["k_s"]
         self.alpha = np.maximum(levels.start.alpha, 0.0)
@@ -127,8 +128,9 @@ class _Equation:
 
     def _pressure(self, alpha: Array) -> Array:
         """Solids pressure [Pa] at a fraction, at the predicted granular temperature."""
-        theta, deformation = self.step.levels.predicted.theta, self.step.deformation
-        return self.laws.solids_pressure(alpha, theta, deformation, self._normal_stress)
+        theta, rates = self.step.levels.predicted.theta, self.step.deformation.rates
+        eddies = alpha * self.laws.solids.density * self._normal_stress
+        return self.laws.solids_pressure(alpha, theta, *rates) + eddies
 
     def _pressure_stiffness(self) -> Array:
         """d(p_s)/dw >= 0 [Pa]."""
@@ -145,6 +147,7 @@ class _Equation:
         turbulence, levels = self.step.turbulence, self.step.levels
         if turbulence is None or turbulence.dispersion is None:
             return None
+        assert turbulence.drag is not None
         cells, gas = self.line.cells, self.laws.gas.density
         alpha = cells.to_faces(levels.now.alpha)
         void, span = 1 - alpha, levels.span_faces

@@ -26,8 +26,8 @@ from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.scheme import FirstOrder
-from fem_tfm.models.finite_volume.state import Density, State, Step
-from fem_tfm.models.finite_volume.time_levels import TimeLevels
+from fem_tfm.models.finite_volume.state import Density, State
+from fem_tfm.models.finite_volume.time_levels import GasBalance, Step, TimeLevels
 
 # velocity that counts as none, over U
 STILL = 1e-12
@@ -63,6 +63,7 @@ class IdealGas:
 
     def __init__(self, problem: UnsteadyProblem, line: LineMesh, scheme: FirstOrder) -> None:
         self.line, self.scheme, self.density = line, scheme, problem.gas.density
+        assert problem.reference_pressure is not None
         self.reference = problem.reference_pressure
         outlet = problem.outlet_pressure or self.reference
         self.hydrostatic_density = self.density * outlet / self.reference
@@ -82,6 +83,7 @@ class IdealGas:
         now, previous = self.relative(levels.now.p), levels.previous
         if previous is None:
             return RelativeDensity(now, now, now)
+        assert previous.p is not None
         before, r = self.relative(previous.p), dt / previous.dt
         start = now + levels.ratio * r / (1 + 2 * r) * (now - before)
         return RelativeDensity(now, start, levels.extrapolate(now, before))
@@ -96,6 +98,7 @@ class IdealGas:
         faces, upwind = self._on_faces(relative.end, step.levels.predicted.total_flux - solids)
         weight, kept, source = 1.0, np.zeros(cells.face_count), step.inflow.sources.gas
         if previous is not None:
+            assert previous.gas_step_flux is not None and previous.gas_step_source is not None
             before = dt / (previous.dt + 2 * dt)
             weight, kept = 1 - before, before * previous.gas_step_flux
             source = weight * source + before * previous.gas_step_source[own]
@@ -130,58 +133,6 @@ class IdealGas:
         upwind += direction * self.scheme.correction(direction, relative, faces[inner])
         upwind[line.outlet] = faces[line.outlet] = self.outlet_relative_density
         return faces, upwind
-
-
-@dataclass(frozen=True)
-class GasBalance:
-    """Mass balance of the gas in a step, as volumes at the reference density.
-
-    density : for the momentum equation
-    relative_density : predicted for the end of the step, in all cells [-]
-    solids_flux (faces) : volume flux of the solids that makes their mean flux in the step [m3/s]
-    flux_weight, previous_flux (faces) : the mean flux of the gas in the step is `flux_weight` times
-        its volume flux plus `previous_flux` [m3/s]
-    compressibility (owned) : growth of the mass in the step per change of pressure [m3/s/Pa]
-    mass_growth (owned) : growth at the present pressure [m3/s]
-    source (owned) : mean source in the step [1/s]
-    """
-
-    line: LineMesh
-    density: Density
-    relative_density: Array
-    solids_flux: Array
-    flux_weight: Array
-    previous_flux: Array
-    compressibility: Array
-    mass_growth: Array
-    source: Array
-
-    def step_flux(self, total_flux: Array) -> Array:
-        """Mean flux of the gas in the step at a total flux of both phases [m3/s]."""
-        return self.flux_weight * (total_flux - self.solids_flux) + self.previous_flux
-
-    def residual(self, total_flux: Array, change: Array | float = 0.0) -> Array:
-        """Imbalance of the owned cells [m3/s].
-
-        change (owned) : of the pressure [Pa]
-        """
-        growth = self.mass_growth + self.compressibility * change
-        outflow = self.line.cells.net_flux(self.step_flux(total_flux))
-        return growth + outflow - self.source * self.line.volume
-
-    def close(self, total_flux: Array, change: Array) -> tuple[Array, Array]:
-        """Flux and pressure change that conserve the mass of the line exactly (collective).
-
-        The remainder of the linear solver leaves through the outlet; without an outlet it raises
-        the pressure.
-        """
-        cells, outlet = self.line.cells, self.line.outlet
-        left = cells.total(self.residual(total_flux, change[self.line.own]))
-        if not self.line.has_outlet:
-            return total_flux, change - left / cells.total(self.compressibility)
-        size = cells.face_area[outlet]
-        total_flux[outlet] -= left * size / (cells.total(size) * self.flux_weight[outlet])
-        return total_flux, change
 
 
 def gas_volume(gas: IdealGas | None, state: State, volume: Array) -> Array:

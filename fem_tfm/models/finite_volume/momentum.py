@@ -25,17 +25,16 @@ from fem_tfm.models.finite_volume.body_force import BodyForceBalance
 from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
-from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
-from fem_tfm.models.finite_volume.laws import CellLaws, SolidsCoefficients
+from fem_tfm.models.finite_volume.cells.mesh import Array, Cells, Index
 from fem_tfm.models.finite_volume.scheme import FirstOrder
 from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
     TRANSPORT_TOLERANCE,
     Density,
     Phase,
-    Step,
 )
-from fem_tfm.models.finite_volume.time_levels import TimeLevels
+from fem_tfm.models.finite_volume.time_levels import Step, TimeLevels
+from fem_tfm.models.pointwise import Invariants, Pointwise, SolidsCoefficients, tangential
 
 # residual that ends the linear solver, over U in every cell
 SMALL_VELOCITY = 1e-9
@@ -69,7 +68,7 @@ class _System:
     width : number of phases
     """
 
-    def __init__(self, cells: Cells, edges: Array, components: list[int], width: int) -> None:
+    def __init__(self, cells: Cells, edges: Index, components: list[int], width: int) -> None:
         self.components, self._edges = components, edges
         self._matrix = CellMatrix(cells, width, len(components), edges)
         self._krylov = Krylov(self._matrix, "transport", TRANSPORT_TOLERANCE)
@@ -109,7 +108,7 @@ class Momentum:
     def __init__(
         self,
         line: LineMesh,
-        laws: CellLaws,
+        laws: Pointwise,
         scheme: FirstOrder,
         gravity: Array,
         hydrostatic_density: float,
@@ -172,11 +171,11 @@ class Momentum:
         """Coefficients of the solids."""
         laws, state, levels, solids = self.laws, step.state, step.levels, step.solids
         start = levels.start
-        found = laws.grains(state.alpha, state.theta, step.deformation)
-        viscosity, bulk = found.kinetic.shear_viscosity + found.mu_f, found.kinetic.bulk_viscosity
+        alpha = np.maximum(state.alpha, 0.0)
+        found = laws.coefficients(alpha, state.theta, *step.deformation.rates)
+        viscosity, bulk = found.viscosity, found.kinetic.bulk_viscosity
         if step.turbulence is not None:
-            density = np.maximum(state.alpha, 0.0) * laws.solids.density
-            viscosity = viscosity + density * step.turbulence.nu_s
+            viscosity = viscosity + alpha * laws.solids.density * step.turbulence.nu_s
         support = self._body_force.support(state.alpha, solids.pressure)
         # the part of the smallest fraction that a void lacks moves with the gas
         absent = np.clip(1 - start.alpha / SMALLEST_FRACTION, 0.0, 1.0)[:, None]
@@ -205,25 +204,25 @@ class Momentum:
         """Tangential force over velocity on the wall's faces [kg/s]."""
         laws, line, state = self.laws, self.line, step.state
         edge, wall = line.cells.first[line.wall], line.wall
-        if laws.laws.solids_wall.strong:
+        if laws.closures.solids_wall.strong:
             return viscosity[edge] * line.cells.face_weight[wall]
-        slip = laws.slip(state.u_s[edge], line.normal[wall])
-        at_wall = laws.wall_state(state.alpha, state.theta, coefficients, slip, edge)
-        return laws.solids_friction(at_wall) * line.cells.face_area[wall]
+        alpha, slip = np.maximum(state.alpha, 0.0), tangential(state.u_s[edge], line.normal[wall])
+        at_wall = laws.wall_state(alpha, state.theta, coefficients, slip, edge)
+        return laws.solids_wall_friction(at_wall) * line.cells.face_area[wall]
 
     def _gas(self, step: Step, face_fraction: Array) -> Phase:
         """Coefficients of the gas."""
         laws, line, state, levels = self.laws, self.line, step.state, step.levels
         density = Density.constant(laws.gas.density)
         if step.gas is not None:
-            density, laws = step.gas.density, laws.of(step.gas.relative_density)
+            density, laws = step.gas.density, laws.with_density(step.gas.relative_density)
         void = 1 - state.alpha
         viscosity, gradient = self._gas_viscosity(step, laws)
         viscosity = void * viscosity
         flux = state.total_flux - (0.0 if step.solids is None else step.solids.flux)
         flux[line.inlet] = 0.0
         correction = None
-        if not laws.laws.turbulence.transported and (viscosity > laws.gas.viscosity).any():
+        if not laws.closures.turbulence.transported and (viscosity > laws.gas.viscosity).any():
             eddy = np.maximum(viscosity - void * laws.gas.viscosity, 0.0)
             correction = self._implicit_correction(eddy, void * laws.gas.density, levels)
         pressure = None
@@ -247,31 +246,35 @@ class Momentum:
             implicit_correction=correction,
         )
 
-    def _gas_viscosity(self, step: Step, laws: CellLaws) -> tuple[Array, Array]:
+    def _gas_viscosity(self, step: Step, laws: Pointwise) -> tuple[Array, Array]:
         """Viscosity of the gas, eddies included, over its fraction [Pa s], and grad u_g [1/s]."""
         line, cells, levels = self.line, self.line.cells, step.levels
         if step.turbulence is not None:
             viscosity = (laws.gas.viscosity + step.turbulence.mu_t) / line.gas_profile[1]
             return viscosity, step.turbulence.gradient
         gradient = cells.ghosted(cells.gradient(levels.now.u_g))
-        viscosity = laws.gas_viscosity(gradient, *line.gas_profile)
+        viscosity = self._algebraic_viscosity(laws, gradient)
         if levels.previous is not None:
             before = cells.ghosted(cells.gradient(levels.previous.u_g))
-            before = laws.gas_viscosity(before, *line.gas_profile)
+            before = self._algebraic_viscosity(laws, before)
             viscosity = levels.extrapolate(viscosity, before)
         return viscosity, gradient
 
-    def _wall_friction_of_gas(self, step: Step, laws: CellLaws, viscosity: Array) -> Array:
+    def _algebraic_viscosity(self, laws: Pointwise, gradient: Array) -> Array:
+        """Viscosity of an algebraic law at grad u_g [Pa s]."""
+        height, slope = self.line.gas_profile
+        return laws.gas_viscosity(laws.eddies(Invariants(gradient), height, slope), slope)
+
+    def _wall_friction_of_gas(self, step: Step, laws: Pointwise, viscosity: Array) -> Array:
         """Tangential force over velocity on the wall's faces [kg/s]."""
         line, cells, state = self.line, self.line.cells, step.state
         edge, wall = cells.first[line.wall], line.wall
-        if laws.laws.gas_wall.strong:
+        if laws.closures.gas_wall.strong:
             return viscosity[edge] * cells.face_weight[wall]
-        slip = laws.slip(state.u_g[edge], line.normal[wall])
+        speed = laws.speed(tangential(state.u_g[edge], line.normal[wall]))
         k = state.scales["k"][edge] if "k" in state.scales else None
-        void = 1 - state.alpha[edge]
-        friction = laws.within(edge).gas_friction(void, slip, line.wall_height, k)
-        return friction * cells.face_area[wall]
+        friction = laws.at(edge).gas_wall_friction(speed, line.wall_height, k)
+        return (1 - state.alpha[edge]) * friction * cells.face_area[wall]
 
     def _implicit_correction(self, viscosity: Array, mass: Array, levels: TimeLevels) -> Array:
         """Stiffness on faces of an explicit stress, by which the matrix stabilises it [kg/s].
@@ -364,6 +367,7 @@ class Momentum:
         """Force interpolated from the cells to faces, and acceleration of all cells."""
         line, cells = self.line, self.line.cells
         mass = phase.density.faces * np.maximum(phase.face_fraction, SMALLEST_FRACTION)
+        assert phase.support is not None
         partial = phase.support.partial_faces
         acceleration = cells.ghosted(line.reconstruct(force / mass, partial))
         fraction = np.maximum(phase.fraction, SMALLEST_FRACTION)

@@ -13,6 +13,9 @@ balanced.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+from typing import Any
 
 import numpy as np
 
@@ -21,8 +24,9 @@ from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
-from fem_tfm.models.finite_volume.laws import CellLaws
-from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Phase, State, Step
+from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Phase, State
+from fem_tfm.models.finite_volume.time_levels import Step
+from fem_tfm.models.pointwise import Pointwise
 
 # relative residual of the linear system, and the residual that ends it, over rho_g U^2
 TOLERANCE, SMALL_PRESSURE = 1e-6, 1e-9
@@ -48,12 +52,12 @@ class _Fluxes:
     @property
     def total(self) -> Array:
         """Flux of both phases [m3/s]."""
-        return sum(a * flux for a, flux in zip(self.fractions, self.flux, strict=True))
+        return reduce(add, (a * flux for a, flux in zip(self.fractions, self.flux, strict=True)))
 
     @property
     def stiffness(self) -> Array:
         """Flux of both phases per pressure difference [m3/s/Pa]."""
-        return sum(a * m for a, m in zip(self.fractions, self.mobility, strict=True))
+        return reduce(add, (a * m for a, m in zip(self.fractions, self.mobility, strict=True)))
 
 
 class PressureProjection:
@@ -65,7 +69,7 @@ class PressureProjection:
     compressible : the density of the gas follows the pressure
     """
 
-    def __init__(self, line: LineMesh, laws: CellLaws, compressible: bool = False) -> None:
+    def __init__(self, line: LineMesh, laws: Pointwise, compressible: bool = False) -> None:
         self.line, self.laws = line, laws
         # without an outlet nothing sets the level of the pressure in a gas of constant density
         self._level_is_free = not (line.has_outlet or compressible)
@@ -108,6 +112,7 @@ class PressureProjection:
         total, stiffness = fluxes.total, fluxes.stiffness
         sources = step.inflow.sources
         growth = (sources.solids + sources.gas) * line.volume
+        capacity: Array | float
         if step.gas is None:
             weight, capacity, rhs = stiffness, 0.0, growth - cells.net_flux(total)
         else:
@@ -135,10 +140,9 @@ class PressureProjection:
             total_flux=total,
         )
         if len(phases) == 2:
-            solids_flux = fluxes.flux[0] + corrections[0]
-            solids = self._solids(
-                step, phases[0].pressure, fluxes.response[0][0], velocities[0], solids_flux
-            )
+            flux, p_s = fluxes.flux[0] + corrections[0], phases[0].pressure
+            assert p_s is not None
+            solids = self._solids(step, p_s, fluxes.response[0][0], velocities[0], flux)
             state = replace(state, **solids)
         return state, iterations
 
@@ -185,7 +189,7 @@ class PressureProjection:
 
     def _solids(
         self, step: Step, p_s: Array, response: Array, velocity: Array, flux: Array
-    ) -> dict[str, Array]:
+    ) -> dict[str, Any]:
         """Fields of the solids in the new state."""
         cells, inner = self.line.cells, self.line.inner
         pressure_flux = np.zeros(cells.face_count)

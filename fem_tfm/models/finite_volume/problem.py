@@ -9,7 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_tfm.materials import Gas, Solids
-from fem_tfm.models.pointwise import ClosureSet
+from fem_tfm.models.pointwise import VOID_FRACTION, ClosureSet, Pointwise, Regularisation
+
+# granular temperature of a void where the problem asks for none [m2/s2]
+SMALLEST_THETA = 1e-12
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,7 @@ class UnsteadyProblem:
     gas_velocity : superficial velocity, the velocity scale U [m/s]
     diameter : hydraulic diameter, the length scale D [m]
     wall_offset : height at which the wall law of the gas holds [m]
+    theta_floor : smallest granular temperature [m2/s2]
     grain_gap : height over which the drag fades to the wall [m], 0 for none
     inlet_profile : "power-law" or "uniform"
     solids_intensity, gas_intensity : turbulence intensity of each phase at the inlet [-]
@@ -39,6 +43,7 @@ class UnsteadyProblem:
     gas_velocity: float
     diameter: float
     wall_offset: float
+    theta_floor: float = 1e-8
     grain_gap: float = 0.0
     inlet_profile: str = "power-law"
     solids_intensity: float = 0.0
@@ -48,3 +53,16 @@ class UnsteadyProblem:
     compressible: bool = False
     reference_pressure: float | None = None
     outlet_pressure: float | None = None
+
+    def pointwise(self) -> Pointwise:
+        """Coefficients of both phases in cells, regularised by the scales of the problem."""
+        regularisation = Regularisation.scaled(
+            self.gas_velocity,
+            self.diameter,
+            self.solids,
+            # the finite volumes divide by Theta
+            max(self.theta_floor, SMALLEST_THETA),
+            self.grain_gap,
+            void_fraction=VOID_FRACTION,
+        )
+        return Pointwise(self.gas, self.solids, self.closures, regularisation, self.diameter)

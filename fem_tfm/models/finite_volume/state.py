@@ -4,8 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Self
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -13,14 +12,10 @@ import numpy.typing as npt
 from fem_tfm.errors import SolverError
 from fem_tfm.models.finite_volume.cells.mesh import Array
 
-if TYPE_CHECKING:
-    from fem_tfm.models.finite_volume.ideal_gas import GasBalance
-    from fem_tfm.models.finite_volume.time_levels import TimeLevels
-
 type Indices = npt.NDArray[np.intp]
 
-# a phase that is absent moves as one of this fraction; a void has this granular temperature
-SMALLEST_FRACTION, SMALLEST_THETA = 1e-9, 1e-12
+# a phase that is absent moves as one of this fraction
+SMALLEST_FRACTION = 1e-9
 # grains below this fraction are not faster than the gas
 LONELY_FRACTION = 1e-6
 # relative residual of the linear systems of the transport equations
@@ -171,6 +166,11 @@ class SolidsDeformation:
     shear: Array
     dilation: Array
 
+    @property
+    def rates(self) -> tuple[Array, Array]:
+        """S:S and div u_s."""
+        return self.shear, self.dilation
+
 
 @dataclass(frozen=True)
 class SolidsTransport:
@@ -304,35 +304,3 @@ class Phase:
     support: FaceSupport | None
     dispersion_force: Array | None = None
     implicit_correction: Array | None = None
-
-
-@dataclass(frozen=True)
-class Step:
-    """A time step as far as its equations are solved; each equation adds its result.
-
-    levels, dt, inflow : levels in time, length [s], boundary values and sources
-    state : state at which coefficients are taken: predicted, then solved, equation by equation
-    drag : beta in the momentum equations, in all cells [kg/m3/s]
-    explicit_drag : force on the gas in excess of -beta (u_g - u_s) (cells, 3), opposite on the
-        solids [N/m3]; None without
-    deformation, solids : of the solids, and the result of their fraction; None without solids
-    turbulence : its coefficients, None where the gas has an algebraic law alone
-    gas : mass balance of a compressible gas, else None
-    iterations : of each equation solved
-    """
-
-    levels: TimeLevels
-    dt: float
-    inflow: Inflow
-    state: State
-    drag: Array
-    explicit_drag: Array | None = None
-    deformation: SolidsDeformation | None = None
-    solids: SolidsTransport | None = None
-    turbulence: TurbulenceCoefficients | None = None
-    gas: GasBalance | None = None
-    iterations: Mapping[str, int] = field(default_factory=dict)
-
-    def after(self, equation: str, iterations: int, **found: Any) -> Self:
-        """The step with the result of an equation and the iterations that it took."""
-        return replace(self, iterations={**self.iterations, equation: iterations}, **found)

@@ -9,21 +9,15 @@ Sinks are divided by the Theta of the coefficients and multiplied by the new one
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
-from fem_tfm.models.finite_volume.laws import CellLaws, SolidsCoefficients
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
-from fem_tfm.models.finite_volume.state import (
-    LONELY_FRACTION,
-    SMALLEST_FRACTION,
-    SMALLEST_THETA,
-    Step,
-)
+from fem_tfm.models.finite_volume.state import LONELY_FRACTION, SMALLEST_FRACTION
+from fem_tfm.models.finite_volume.time_levels import Step
+from fem_tfm.models.pointwise import Pointwise, SolidsCoefficients, tangential
 
 
 class GranularTemperature:
@@ -40,7 +34,7 @@ class GranularTemperature:
         self,
         problem: UnsteadyProblem,
         line: LineMesh,
-        laws: CellLaws,
+        laws: Pointwise,
         transport: ScalarTransport,
     ) -> None:
         self.line, self.laws, self.transport = line, laws, transport
@@ -55,13 +49,12 @@ class GranularTemperature:
             the linear solver does not converge.
         """
         line, laws, solids = self.line, self.laws, step.solids
-        own, theta = line.own, step.state.theta
-        dilation = self._dilation(step)
-        deformation = replace(step.deformation, dilation=dilation)
-        coefficients = laws.grains(solids.alpha, theta, deformation)
-        if laws.laws.theta == "algebraic":
-            shear = deformation.shear
-            return laws.balanced_theta(solids.alpha, coefficients, shear, step.drag), 0
+        own, theta, shear = line.own, step.state.theta, step.deformation.shear
+        alpha, dilation = np.maximum(solids.alpha, 0.0), self._dilation(step)
+        coefficients = laws.coefficients(alpha, theta, shear, dilation)
+        if laws.closures.theta == "algebraic":
+            found = laws.algebraic_theta(alpha, coefficients.g0, shear, step.drag)
+            return self._bounded(found, alpha), 0
         start, density = step.levels.start, laws.solids.density
         inertia = 1.5 * density * np.maximum(start.alpha[own], SMALLEST_FRACTION)
         inertia = inertia * line.volume / step.levels.span
@@ -78,10 +71,7 @@ class GranularTemperature:
             entering=(self._intensity * step.inflow.solids_velocity) ** 2,
             share=step.levels.second_order_faces,
         )
-        # single grains in a void are not faster than the gas
-        single = solids.alpha[own] < LONELY_FRACTION
-        values[single] = np.minimum(values[single], line.velocity_scale**2)
-        return line.cells.ghosted(np.maximum(values, SMALLEST_THETA)), iterations
+        return line.cells.ghosted(self._bounded(values, alpha[own])), iterations
 
     def _dilation(self, step: Step) -> Array:
         """div u_s [1/s] that feeds the granular energy: the larger of two, where they disagree.
@@ -100,14 +90,12 @@ class GranularTemperature:
         self, step: Step, coefficients: SolidsCoefficients, dilation: Array
     ) -> tuple[Array, Array]:
         """Sinks over Theta [kg/s] and sources [W] of the owned cells."""
-        own, volume, k = self.line.own, self.line.volume, coefficients.kinetic
-        theta, shear = step.state.theta, step.deformation.shear
-        work = 2 * k.shear_viscosity * shear + k.bulk_viscosity * dilation**2
-        if self.laws.laws.friction_feeds_theta:
-            work = work + 2 * coefficients.mu_f * shear
-        expansion = k.pressure / theta * dilation
-        sink = k.dissipation / theta + 3 * step.drag + np.maximum(expansion, 0.0)
-        source = work + np.maximum(-expansion, 0.0) * theta
+        own, volume, theta = self.line.own, self.line.volume, step.state.theta
+        energy = self.laws.granular_energy(
+            coefficients, theta, step.deformation.shear, dilation, step.drag
+        )
+        sink = energy.decay + np.maximum(energy.compression, 0.0) / theta
+        source = energy.production + np.maximum(-energy.compression, 0.0)
         given = step.inflow.sources.energy
         sink = sink[own] * volume + np.maximum(-given, 0.0) / theta[own] * volume
         return sink, (source[own] + np.maximum(given, 0.0)) * volume
@@ -118,8 +106,15 @@ class GranularTemperature:
         """Add the energy that the wall gives to `rhs`, and what it takes to `diagonal`."""
         line, cells, laws, state = self.line, self.line.cells, self.laws, step.state
         edge = cells.first[line.wall]
-        slip = laws.slip(state.u_s[edge], line.normal[line.wall])
-        wall = laws.wall_state(step.solids.alpha, state.theta, coefficients, slip, edge)
-        heat = laws.wall_heat(wall) * cells.face_area[line.wall]
+        slip = tangential(state.u_s[edge], line.normal[line.wall])
+        alpha = np.maximum(step.solids.alpha, 0.0)
+        wall = laws.wall_state(alpha, state.theta, coefficients, slip, edge)
+        heat = laws.solids_wall_heat(wall) * cells.face_area[line.wall]
         cells.add_boundary("wall", rhs, np.maximum(heat, 0.0))
         cells.add_boundary("wall", diagonal, np.maximum(-heat, 0.0) / state.theta[edge])
+
+    def _bounded(self, theta: Array, alpha: Array) -> Array:
+        """Theta above its floor; single grains in a void are not faster than the gas."""
+        single = alpha < LONELY_FRACTION
+        theta[single] = np.minimum(theta[single], self.line.velocity_scale**2)
+        return np.maximum(theta, self.laws.regularisation.theta_floor)

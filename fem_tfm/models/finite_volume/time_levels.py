@@ -19,13 +19,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
+from typing import Any, Self
 
 import numpy as np
 
 from fem_tfm.models.finite_volume.cells.limiter import limit_flux
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.mesh import Array
-from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Inflow, State
+from fem_tfm.models.finite_volume.state import (
+    SMALLEST_FRACTION,
+    Density,
+    Inflow,
+    SolidsDeformation,
+    SolidsTransport,
+    State,
+    TurbulenceCoefficients,
+)
 
 # between these shares of the packing limit the method falls to first order: in a bed the solids
 # pressure changes by its own size in a step
@@ -42,7 +51,7 @@ SLOW = 0.1
 
 @dataclass(frozen=True)
 class PreviousStep:
-    """The time before the last step, and the step.
+    """State before the last step, and the mean fluxes and sources of that step.
 
     dt : length of the last step [s]
     step_flux, step_source : mean volume flux (faces) [m3/s] and source (cells) [1/s] of the solids
@@ -68,16 +77,16 @@ class PreviousStep:
 
     @classmethod
     def of(cls, before: State, dt: float, step_flux: Array, step_source: Array) -> PreviousStep:
-        """What is kept of a moment when a step has left it behind."""
+        """What is kept of the state before a step of `dt` [s]."""
         others = {"dt", "step_flux", "step_source", "gas_step_flux", "gas_step_source"}
         names = {f.name for f in fields(cls)} - others
         return cls(dt, step_flux, step_source, **{name: getattr(before, name) for name in names})
 
 
-# names in a PreviousStep besides its step; all values on faces have their direction
+# names in a PreviousStep besides dt; values on faces change sign with their direction
 PREVIOUS_CELL_FIELDS = ("step_source", "alpha", "theta", "u_s", "u_g")
 PREVIOUS_FACE_FIELDS = ("step_flux", "total_flux", "solids_flux", "flux_acceleration")
-# and those that only a gas needs whose density follows the pressure
+# and those of a compressible gas alone
 PREVIOUS_GAS_CELL_FIELDS, PREVIOUS_GAS_FACE_FIELDS = ("p", "gas_step_source"), ("gas_step_flux",)
 
 
@@ -327,3 +336,87 @@ def _extrapolated(now: Array, before: Array, r: Array | float, small: Array | fl
     """Extrapolation by r times the last change, which leaves jumps out."""
     change = r * (now - before)
     return now + _steadiness(change, now, small) * change
+
+
+@dataclass(frozen=True)
+class GasBalance:
+    """Mass balance of the gas in a step, as volumes at the reference density.
+
+    density : for the momentum equation
+    relative_density : predicted for the end of the step, in all cells [-]
+    solids_flux (faces) : volume flux of the solids that makes their mean flux in the step [m3/s]
+    flux_weight, previous_flux (faces) : the mean flux of the gas in the step is `flux_weight` times
+        its volume flux plus `previous_flux` [m3/s]
+    compressibility (owned) : growth of the mass in the step per change of pressure [m3/s/Pa]
+    mass_growth (owned) : growth at the present pressure [m3/s]
+    source (owned) : mean source in the step [1/s]
+    """
+
+    line: LineMesh
+    density: Density
+    relative_density: Array
+    solids_flux: Array
+    flux_weight: Array
+    previous_flux: Array
+    compressibility: Array
+    mass_growth: Array
+    source: Array
+
+    def step_flux(self, total_flux: Array) -> Array:
+        """Mean flux of the gas in the step at a total flux of both phases [m3/s]."""
+        return self.flux_weight * (total_flux - self.solids_flux) + self.previous_flux
+
+    def residual(self, total_flux: Array, change: Array | float = 0.0) -> Array:
+        """Imbalance of the owned cells [m3/s].
+
+        change (owned) : of the pressure [Pa]
+        """
+        growth = self.mass_growth + self.compressibility * change
+        outflow = self.line.cells.net_flux(self.step_flux(total_flux))
+        return growth + outflow - self.source * self.line.volume
+
+    def close(self, total_flux: Array, change: Array) -> tuple[Array, Array]:
+        """Flux and pressure change that conserve the mass of the line exactly (collective).
+
+        The remainder of the linear solver leaves through the outlet; without an outlet it raises
+        the pressure.
+        """
+        cells, outlet = self.line.cells, self.line.outlet
+        left = cells.total(self.residual(total_flux, change[self.line.own]))
+        if not self.line.has_outlet:
+            return total_flux, change - left / cells.total(self.compressibility)
+        size = cells.face_area[outlet]
+        total_flux[outlet] -= left * size / (cells.total(size) * self.flux_weight[outlet])
+        return total_flux, change
+
+
+@dataclass(frozen=True)
+class Step:
+    """A time step as far as its equations are solved; each equation adds its result.
+
+    levels, dt, inflow : levels in time, length [s], boundary values and sources
+    state : state at which coefficients are taken: predicted, then solved, equation by equation
+    drag : beta in the momentum equations, in all cells [kg/m3/s]
+    explicit_drag : force on the gas in excess of -beta (u_g - u_s) (cells, 3), opposite on the
+        solids [N/m3]; None without
+    deformation, solids : of the solids, and the result of their fraction; None without solids
+    turbulence : its coefficients, None where the gas has an algebraic law alone
+    gas : mass balance of a compressible gas, else None
+    iterations : of each equation solved
+    """
+
+    levels: TimeLevels
+    dt: float
+    inflow: Inflow
+    state: State
+    drag: Array
+    explicit_drag: Array | None = None
+    deformation: SolidsDeformation | None = None
+    solids: SolidsTransport | None = None
+    turbulence: TurbulenceCoefficients | None = None
+    gas: GasBalance | None = None
+    iterations: Mapping[str, int] = field(default_factory=dict)
+
+    def after(self, equation: str, iterations: int, **found: Any) -> Self:
+        """The step with the result of an equation and the iterations that it took."""
+        return replace(self, iterations={**self.iterations, equation: iterations}, **found)

@@ -1,19 +1,18 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Turbulence of a step: k and epsilon of the gas, and of the solids, where laws transport them.
+"""Turbulence equations: k and epsilon of the gas, and of the solids, where laws transport them.
 
-The laws give diffusivity D and rate r of each scale X, dX/dt = ... + r X, and the slope s by which
-r falls with ln X. Over a step of Euler's method, with q = dt r/(1 + dt s), that of ln X,
+The laws give the diffusivity D and the rate r of each scale X, dX/dt = ... + r X, and the slope s
+by which r falls with ln X. An Euler step is, with q = dt r/(1 + dt s), the change of ln X,
 
     a (dt r/(e^q - 1)) (X - e^q X_0)/dt + a u.grad X = div(a D grad X)
 
-and over one of second order from X_0, with X_1 foreseen for its end and q = dt r,
+and a step of second order, with the predicted X_1 and q = dt r,
 
     a ((f - q + dt s) X - f X_0 - dt s X_1)/dt + a u.grad X = div(a D grad X),
     f = sqrt(1 + max(q, 0)^2)
 
-which X_0 fulfils where it is steady, and which carry a positive X to a positive one at any step.
-Where the density of the gas follows the pressure, a is the share of its mass, a rho_g/rho_ref.
-Coefficients are those of the state that is foreseen for the end of the step.
+Both keep X positive at any step, and have the steady state of the laws. For a compressible gas, a
+is alpha_g rho_g/rho_ref. Coefficients are those of the predicted state.
 """
 
 from __future__ import annotations
@@ -26,34 +25,31 @@ import numpy as np
 from fem_tfm.closures.turbulence.dispersed import GasEddies, Grains
 from fem_tfm.closures.turbulence.gas import Balance, Eddies
 from fem_tfm.models.finite_volume.cells.line import LineMesh
-from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.cells.mesh import Array, Index
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
-from fem_tfm.models.finite_volume.laws import CellLaws
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
     Density,
     State,
-    Step,
     TurbulenceCoefficients,
 )
-from fem_tfm.models.finite_volume.time_levels import TimeLevels
+from fem_tfm.models.finite_volume.time_levels import Step, TimeLevels
+from fem_tfm.models.pointwise import Invariants, Pointwise, dot, tangential
 
-# turbulent energy that grains leave to the gas, over U^2
-K_FLOOR = 2.5e-4
-# intensity below which no turbulence falls, with eddies as wide as the line
+# smallest intensity of turbulence, with eddies as wide as the line
 LEAST_INTENSITY = 1e-5
 # largest step of ln X
 LARGEST_STEP = 5.0
-# the slope of a rate is taken where ln k and ln eps rise by these: along this way the eddies become
-# fewer and smaller, so that every sink and what pulls eps to the wall's value count
+# changes of ln k and ln eps for the slope of their rates: in this direction eddies become shorter,
+# so that every sink, and the relaxation of eps to its value at the wall, count
 SMALL_RISE = {"k": 1e-5, "eps": 2.5e-5}
-# shear by which a law's viscosity is found anew in the wall's cells
+# smallest change of ln X, and of the shear in the wall's cells [1/s], that is divided by
 SMALLEST_CHANGE = 1e-12
 
 
 class Turbulence:
-    """Makes, carries and destroys the turbulence of both phases, and spreads the solids by it.
+    """The equations of the transported scales, and the effect of turbulence on both phases.
 
     Parameters
     ----------
@@ -66,84 +62,85 @@ class Turbulence:
         self,
         problem: UnsteadyProblem,
         line: LineMesh,
-        laws: CellLaws,
+        laws: Pointwise,
         transport: ScalarTransport,
     ) -> None:
         self.line, self.laws, self.problem = line, laws, problem
         self.transport = transport
-        self.gas_law, self.dispersed = laws.laws.turbulence, laws.laws.dispersed
+        self.gas_law, self.dispersed = laws.closures.turbulence, laws.closures.dispersed
         self._of_gas = _plain(self.gas_law.transported)
         self._of_solids = _plain(self.dispersed.transported) if laws.solids else ()
         self._edges = np.unique(line.cells.first[line.wall])
         self._height = line.wall_height
-        self._floors = {}
+        self._floors: dict[str, float] = {}
         for phase in ("gas", "solids") if self._of_solids else ("gas",):
-            self._floors |= self._estimate(phase, laws.speed, LEAST_INTENSITY, laws.width)
+            self._floors |= self._estimate(
+                phase, line.velocity_scale, LEAST_INTENSITY, laws.diameter
+            )
 
     @staticmethod
-    def is_needed(laws: CellLaws) -> bool:
-        """Whether there is more than an algebraic viscosity of the gas."""
-        found = laws.laws
+    def is_needed(laws: Pointwise) -> bool:
+        """Whether the laws have more than an algebraic viscosity of the gas."""
+        found = laws.closures
         return bool(
             found.turbulence.transported
             or (laws.solids and (found.dispersed.needs_k or found.dispersion.name != "none"))
         )
 
     def initial(self) -> dict[str, Array]:
-        """Turbulence of the intensity of what enters, in all cells."""
-        found = self._entering("gas", self.laws.speed)
+        """Scales of the inlet's turbulence at the velocity scale, in all cells."""
+        found = self._entering("gas", self.line.velocity_scale)
         if self._of_solids:
-            found |= self._entering("solids", self.laws.speed)
+            found |= self._entering("solids", self.line.velocity_scale)
         return {name: np.full(self.line.cells.count, value) for name, value in found.items()}
 
     def _entering(self, phase: str, speed: float) -> dict[str, float]:
-        """Scales of what enters of a phase at a mean speed [m/s]."""
+        """Scales of a phase at the inlet at a mean velocity [m/s]."""
         given, laws = self.problem, self.laws
         intensity = given.gas_intensity if phase == "gas" else given.solids_intensity
-        speed = max(speed, LEAST_INTENSITY * laws.speed)
-        return self._estimate(phase, speed, intensity, given.length_scale * laws.width)
+        speed = max(speed, LEAST_INTENSITY * self.line.velocity_scale)
+        return self._estimate(phase, speed, intensity, given.length_scale * laws.diameter)
 
     def _estimate(
         self, phase: str, speed: float, intensity: float, length: float
     ) -> dict[str, float]:
-        """Scales of a phase at an intensity of a speed [m/s] and a length of the eddies [m]."""
+        """Scales of a phase from velocity [m/s], intensity [-] and length of the eddies [m]."""
         law = self.gas_law if phase == "gas" else self.dispersed
         found = law.estimate(speed, intensity, length)
         return {name.removeprefix("ln_"): float(np.exp(value)) for name, value in found.items()}
 
-    # -- what the laws make of a state ---------------------------------------------------------
+    # -- coefficients --------------------------------------------------------------------------
 
     def coefficients(
         self, levels: TimeLevels, relative: Array | None = None
     ) -> TurbulenceCoefficients:
-        """What the turbulence does at the end of a step as far as it is foreseen (collective).
+        """Coefficients at the predicted state (collective).
 
         relative : density of the gas over the reference [-], None where it is constant
         """
         line, cells, at = self.line, self.line.cells, levels.predicted
-        laws = self.laws if relative is None else self.laws.of(relative)
+        laws = self.laws if relative is None else self.laws.with_density(relative)
         gradient = cells.ghosted(cells.gradient(levels.now.u_g))
         later = gradient if levels.previous is None else cells.ghosted(cells.gradient(at.u_g))
         scales = [at.scales[name] for name in self._of_gas]
-        eddies = laws.eddies(self._mirrored(later), *line.gas_profile, *scales)
+        gas_rate = Invariants(self._mirrored(later))
+        eddies = laws.eddies(gas_rate, *line.gas_profile, *scales)
         eddies = self._at_wall(eddies, at, laws)
         grains = self._grains(at, laws) if laws.solids else None
-        gas = self._met(eddies)
+        gas = laws.gas_eddies(eddies)
         balances = self._balances(eddies, gas, grains)
         nu_s, spread, drag, normal = 0.0, None, None, None
         if grains is not None:
             nu_s = self.dispersed.viscosity(gas, grains)
-            if laws.laws.dispersion.name != "none":
-                diffusivity = laws.laws.dispersion.diffusivity(gas, grains, nu_s)
-                spread = grains.specific * diffusivity / (1 - grains.alpha)
+            if laws.closures.dispersion.name != "none":
+                spread = laws.dispersion(gas, grains, nu_s)
                 drag = grains.specific * grains.alpha
-            share = self.dispersed.normal_stress if self._of_solids else 0.0
-            if share:
-                normal = {name: share * 2 / 3 * at.scales[name] for name in ("k", "k_s")}
+            if self._of_solids and self.dispersed.normal_stress:
+                normal = {name: laws.eddy_pressure(at.scales[name]) for name in ("k", "k_s")}
         stiffness = {}
         for name, rate in self._rates_beside(eddies, gas, grains).items():
             stiffness[name] = np.maximum((balances[name].rate - rate) / SMALL_RISE["k"], 0.0)
-        # the gas's scales live on its stretched profile
+        # the scales of the gas are those of its stretched profile
         stretch = {name: line.gas_profile[1] if name in self._of_gas else 1.0 for name in balances}
         return TurbulenceCoefficients(
             gradient,
@@ -158,22 +155,13 @@ class Turbulence:
             relative,
         )
 
-    def _met(self, eddies: Eddies) -> GasEddies:
-        """Gas turbulence as the grains meet it."""
-        density = eddies.gas.density
-        nu_t = self.gas_law.viscosity(eddies) / density
-        return GasEddies(eddies.k, eddies.eps, nu_t, density, K_FLOOR * self.laws.speed**2)
-
     def _balances(
         self, eddies: Eddies, gas: GasEddies, grains: Grains | None, which: str = "both"
     ) -> dict[str, Balance]:
-        """Transport of the scales of "gas", "solids" or "both"."""
-        found = {}
+        """Transport coefficients of the scales of "gas", "solids" or "both"."""
+        found: dict[str, Balance] = {}
         if which != "solids":
-            gain = 0.0
-            if grains is not None and self.dispersed.needs_k:
-                gain = self.dispersed.gain(gas, grains)
-            found |= self.gas_law.balances(eddies, gain)
+            found |= self.laws.gas_balances(eddies, gas, grains)
         if which != "gas" and grains is not None:
             found |= self.dispersed.balances(gas, grains)
         return {name.removeprefix("ln_"): balance for name, balance in found.items()}
@@ -181,48 +169,47 @@ class Turbulence:
     def _rates_beside(
         self, eddies: Eddies, gas: GasEddies, grains: Grains | None
     ) -> dict[str, Array]:
-        """Rates where the scales of a phase are a little larger."""
-        found = {}
+        """Rates where the scales of a phase are larger by SMALL_RISE."""
+        found: dict[str, Balance] = {}
         if self._of_gas:
             risen = _risen(eddies)
-            found |= self._balances(risen, self._met(risen), grains, "gas")
+            found |= self._balances(risen, self.laws.gas_eddies(risen), grains, "gas")
         if self._of_solids:
-            risen = replace(grains, eddies=_risen(grains.eddies))
-            found |= self._balances(eddies, gas, risen, "solids")
+            assert grains is not None and grains.eddies is not None
+            of_solids = replace(grains, eddies=_risen(grains.eddies))
+            found |= self._balances(eddies, gas, of_solids, "solids")
         return {name: balance.rate for name, balance in found.items()}
 
-    def _grains(self, now: State, laws: CellLaws) -> Grains:
-        """What the laws of dispersed turbulence see of the solids."""
+    def _grains(self, now: State, laws: Pointwise) -> Grains:
+        """Input of the laws of dispersed turbulence."""
         line, cells = self.line, self.line.cells
         slip, alpha = now.u_g - now.u_s, np.maximum(now.alpha, SMALLEST_FRACTION)
-        speed = laws.slip_speed(slip)
         g0, kinetic = laws.kinetic(alpha, now.theta)
-        crowding = cells.ghosted(cells.gradient(now.alpha))
-        # no mesh knows how steep a front is that is thinner than its cells
-        steepest = np.einsum("ni,ni->n", crowding, crowding) * cells.volume ** (2 / 3) / 4
-        crowding = np.einsum("ni,ni->n", slip, crowding) / np.sqrt(alpha**2 + steepest)
+        gradient = cells.ghosted(cells.gradient(now.alpha))
+        # grad(alpha)/alpha is limited to that of a front as wide as a cell
+        limit = dot(gradient, gradient) * cells.volume ** (2 / 3) / 4
+        drift = -dot(slip, gradient) / np.sqrt(alpha**2 + limit)
         eddies = None
         if self._of_solids:
             gradient = self._mirrored(cells.ghosted(cells.gradient(now.u_s)))
             scales = (now.scales[name] for name in self._of_solids)
-            eddies = laws.eddies(gradient, line.wall_distance, 1.0, *scales)
-        return Grains(
-            alpha=alpha,
-            theta=now.theta,
-            g0=g0,
-            specific=laws.drag(alpha, speed, line.gas_profile[0]) / alpha,
-            slip=speed,
-            drift=-crowding,
-            solids=laws.solids,
-            viscosity=kinetic.shear_viscosity / (alpha * laws.solids.density),
-            eddies=eddies,
+            eddies = laws.eddies(Invariants(gradient), line.wall_distance, 1.0, *scales)
+        return laws.grains(
+            alpha,
+            now.theta,
+            g0,
+            kinetic.shear_viscosity,
+            laws.speed(slip),
+            line.gas_profile[0],
+            drift,
+            eddies,
         )
 
     def _mirrored(self, gradient: Array) -> Array:
-        """Gradient of a velocity next to planes of symmetry, across which cells see no neighbour.
+        """Gradient of a velocity, corrected in the cells next to planes of symmetry.
 
-        It is found half a cell further in than the centre, where the slope of what runs along the
-        plane is twice as large.
+        Least squares find no neighbour across the plane. They give the normal slope of tangential
+        velocities half a cell further in, where it is twice as large.
         """
         line, cells = self.line, self.line.cells
         if "symmetry" not in cells.parts:
@@ -230,40 +217,41 @@ class Turbulence:
         part = cells.parts["symmetry"]
         edge, normal = cells.first[part], line.normal[part]
         slope = np.einsum("nij,nj->ni", gradient[edge], normal)
-        slope -= np.einsum("ni,ni->n", slope, normal)[:, None] * normal
+        slope = tangential(slope, normal)
         found = gradient.copy()
         np.subtract.at(found, edge, 0.5 * slope[:, :, None] * normal[:, None, :])
         return cells.update_ghosts(found)
 
-    def _at_wall(self, eddies: Eddies, now: State, laws: CellLaws) -> Eddies:
-        """Eddies whose shear in the wall's cells knows of the wall, as their gradient does not.
+    def _at_wall(self, eddies: Eddies, now: State, laws: Pointwise) -> Eddies:
+        """Eddies with the shear of the wall in the cells next to it, which the gradient lacks.
 
-        S = min(S_w/2 + S_g, max(S_w, S_g)), by the traction of the wall, (mu + mu_t) S_w, and by
-        the gradient. In a log layer of cells of one height S_w/2 = S_g = u_tau/(2 kappa y), in a
-        viscous one S_w = S_g; where grains bear the stress within a cell it is half of S_w.
+            S = min(S_w/2 + S_g, max(S_w, S_g))
+
+        S_w follows from the traction of the wall, (mu + mu_t) S_w, S_g from the gradient. In a log
+        layer with cells of one height S_w/2 = S_g = u_tau/(2 kappa y), in a viscous one S_w = S_g;
+        where the solids carry the stress within a cell, S is S_w/2.
         """
         line, cells, edges = self.line, self.line.cells, self._edges
         if not line.has_wall or not self._of_gas:
             return eddies
         first = cells.first[line.wall]
-        within = _at(eddies, edges, laws.within(edges).gas)
-        slip = laws.slip(now.u_g[first], line.normal[line.wall])
+        within = _at(eddies, edges, laws.at(edges).gas)
+        slip = laws.speed(tangential(now.u_g[first], line.normal[line.wall]))
         friction = laws.gas.viscosity / self._height
-        if not laws.laws.gas_wall.strong:
-            beside = laws.within(first)
-            friction = beside.gas_friction(1.0, slip, self._height, eddies.k[first])
+        if not laws.closures.gas_wall.strong:
+            friction = laws.at(first).gas_wall_friction(slip, self._height, eddies.k[first])
         squares = np.zeros(cells.owned)
         np.add.at(squares, first, (friction * slip) ** 2)
         traction = np.sqrt(squares[edges])
 
         def sheared(strain: Array) -> Array:
-            """Shear of the layer with the viscosity at another."""
+            """Shear of the layer with the viscosity at a given one."""
             eddy = 0.0
-            if not laws.laws.gas_wall.strong:
+            if not laws.closures.gas_wall.strong:
                 eddy = self.gas_law.viscosity(_strained(within, strain))
             return traction / (laws.gas.viscosity + eddy)
 
-        # 1/mu_t of the laws is linear in the shear, so that two are enough to find it (Aitken)
+        # 1/mu_t of the laws is linear in the shear: two iterations and Aitken's formula solve it
         one = sheared(within.strain)
         two = sheared(one)
         change = np.where(np.abs(one - within.strain) > SMALLEST_CHANGE, one - within.strain, 1.0)
@@ -285,22 +273,22 @@ class Turbulence:
             the linear solver does not converge.
         """
         start, state = step.levels.start, step.state
-        found: dict[str, Array] = {}
-        solids: Array | float = 0.0
+        found, iterations = dict[str, Array](), 0
+        solids = np.zeros(self.line.cells.face_count)
         if step.solids is not None:
             solids = step.solids.flux
-        iterations = 0
         if self._of_gas:
             density = Density.constant(1.0)
             if step.gas is not None:
                 density = step.gas.density.relative_to(self.laws.gas.density)
             fractions = 1 - start.alpha, 1 - state.alpha
             flux = state.total_flux - solids
-            iterations += self._solve_phase(step, "gas", density, fractions, flux, found)
+            found, iterations = self._solve_phase(step, "gas", density, fractions, flux)
         if self._of_solids:
             fractions = start.alpha, state.alpha
             density = Density.constant(1.0)
-            iterations += self._solve_phase(step, "solids", density, fractions, solids, found)
+            more, taken = self._solve_phase(step, "solids", density, fractions, solids)
+            found, iterations = found | more, iterations + taken
         return found, iterations
 
     def _solve_phase(
@@ -310,21 +298,21 @@ class Turbulence:
         density: Density,
         fractions: tuple[Array, Array],
         flux: Array,
-        found: dict[str, Array],
-    ) -> int:
-        """Add the scales of a phase to those found, and return the iterations.
+    ) -> tuple[dict[str, Array], int]:
+        """Scales of one phase, and the iterations.
 
         density : over the reference density [-]
         fractions : of the phase at the start and at the end of the step, in all cells [-]
         flux : volume flux of the phase [m3/s]
         """
         line, own, coefficients = self.line, self.line.own, step.turbulence
+        assert coefficients is not None
         before, after = (np.maximum(fraction, SMALLEST_FRACTION) for fraction in fractions)
         inertia = density.start * before[own] * line.volume
         if phase == "gas" and coefficients.relative_density is not None:
             after = after * coefficients.relative_density
         entering = self._entering(phase, step.inflow.mean_velocity(phase))
-        iterations = 0
+        found, iterations = dict[str, Array](), 0
         for name in self._of_gas if phase == "gas" else self._of_solids:
             diagonal, rhs = self._inertia_and_source(name, step)
             values, taken = self.transport.solve(
@@ -339,7 +327,7 @@ class Turbulence:
             )
             found[name] = line.cells.ghosted(np.maximum(values, self._floors[name]))
             iterations += taken
-        return iterations
+        return found, iterations
 
     def _inertia_and_source(self, name: str, step: Step) -> tuple[Array, Array]:
         """Inertia and source of a scale over a, for matrix and right-hand side (owned) [1/s]."""
@@ -359,16 +347,16 @@ class Turbulence:
 
     def _wall_values(
         self, name: str, coefficients: TurbulenceCoefficients, found: dict[str, Array]
-    ) -> tuple[Array, Array] | None:
-        """Cells of the wall in which the law gives a scale from those found before it."""
+    ) -> tuple[Index, Array] | None:
+        """Cells next to the wall where the law prescribes a scale, and its values, or None."""
         if not self.line.has_wall or name not in self._of_gas or name == self._of_gas[0]:
             return None
         laws, edges = self.laws, self._edges
         if coefficients.relative_density is not None:
-            laws = laws.of(coefficients.relative_density).within(edges)
+            laws = laws.with_density(coefficients.relative_density).at(edges)
         k = found[self._of_gas[0]][edges]
         distance = self.line.gas_profile[0][edges]
-        eddies = Eddies(None, distance, laws.gas, laws.width / 2, k=k)
+        eddies = Eddies(None, distance, laws.gas, laws.diameter / 2, k=k)
         values = self.gas_law.wall_values(eddies)
         if f"ln_{name}" not in values:
             return None
@@ -376,12 +364,12 @@ class Turbulence:
 
 
 def _plain(logarithms: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of the scales of logarithms."""
+    """Names of the scales from those of their logarithms."""
     return tuple(name.removeprefix("ln_") for name in logarithms)
 
 
 def _risen(eddies: Eddies) -> Eddies:
-    """Eddies of a little more k and eps."""
+    """Eddies with k and eps larger by SMALL_RISE."""
     return replace(
         eddies,
         k=eddies.k * np.exp(SMALL_RISE["k"]),
@@ -390,11 +378,11 @@ def _risen(eddies: Eddies) -> Eddies:
 
 
 def _strained(eddies: Eddies, strain: Array) -> Eddies:
-    """The same eddies at another shear, which turns as much more as it strains."""
+    """The same eddies at another strain rate, in proportion to which they spin."""
     return replace(eddies, strain=strain, spin=eddies.spin * strain / eddies.strain)
 
 
 def _at(eddies: Eddies, which: Any, gas: Any) -> Eddies:
-    """Eddies of some cells, and the gas there."""
+    """Eddies in some of the cells, with the gas there."""
     names = ("strain", "distance", "spin", "A_s", "k", "eps")
     return replace(eddies, gas=gas, **{name: getattr(eddies, name)[which] for name in names})

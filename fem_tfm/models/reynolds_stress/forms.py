@@ -32,7 +32,13 @@ import ufl
 from ufl.core.expr import Expr
 
 from fem_tfm.closures.ops import symmetric, trace
-from fem_tfm.closures.turbulence.reynolds_stress import StressLaw, Wall, production
+from fem_tfm.closures.turbulence.reynolds_stress import (
+    EddyViscosity,
+    StressLaw,
+    Transported,
+    Wall,
+    production,
+)
 from fem_tfm.closures.walls.functions import WallFunction
 from fem_tfm.models.axis import Axis
 
@@ -55,9 +61,9 @@ class GasState:
     u: Expr
     p: Expr
     e: Expr
-    r: Expr | None = None
-    d: Expr | None = None
-    q: Expr | None = None
+    r: Any = None
+    d: Any = None
+    q: Any = None
 
 
 @dataclass(frozen=True)
@@ -133,6 +139,18 @@ class ReynoldsStressForms:
         self.axis = axis
         self.domain = domain
 
+    @property
+    def eddy_law(self) -> EddyViscosity:
+        """The law where its stresses are those of an eddy viscosity."""
+        assert isinstance(self.law, EddyViscosity)
+        return self.law
+
+    @property
+    def transport_law(self) -> Transported:
+        """The law where it transports the stresses."""
+        assert isinstance(self.law, Transported)
+        return self.law
+
     # -- pointwise quantities ------------------------------------------------------------------
 
     def velocity_gradient(self, state: GasState) -> Expr:
@@ -152,14 +170,16 @@ class ReynoldsStressForms:
         """R, shape (3, 3) [m2/s2]."""
         if state.r is not None:
             return tensor(state.r)
-        return self.law.stress(self.velocity_gradient(state), self.energy(state), self.eps(state))
+        return self.eddy_law.stress(
+            self.velocity_gradient(state), self.energy(state), self.eps(state)
+        )
 
     def reflections(self, state: GasState) -> list[tuple[Wall, Expr]]:
         """Walls with their f_z [-]; none where the law has no reflection."""
         if state.r is None:
             return []
         k, eps = self.energy(state), self.eps(state)
-        return [(wall, self.law.reflection(k, eps, wall)) for wall in self.domain.walls]
+        return [(wall, self.transport_law.reflection(k, eps, wall)) for wall in self.domain.walls]
 
     def advected(self, quantity: Callable[[GasState], Expr], state: GasState) -> Expr:
         """u.grad of a scalar quantity of the state."""
@@ -218,11 +238,11 @@ class ReynoldsStressForms:
         k, eps, stress = self.energy(now), self.eps(now), self.stress(now)
         rate = self.velocity_gradient(now)
         source = production(stress, rate) - 2 / 3 * eps * ufl.Identity(3)
-        source = source + self.law.redistribution(stress, rate, k, eps, self.domain.walls)
+        source = source + self.transport_law.redistribution(stress, rate, k, eps, self.domain.walls)
         across = ufl.dot(ufl.grad(now.r), ufl.as_vector((now.u[0], now.u[1])))
         change = across + now.u[2] * self.axis.change(lambda state: state.r, now)
         change = change + idt * (now.r - old.r) - components(source)
-        spread = self._across(self.law.stress_diffusivity(stress, k, eps))
+        spread = self._across(self.transport_law.stress_diffusivity(stress, k, eps))
         diffusion = ufl.inner(ufl.dot(ufl.grad(now.r), spread), ufl.grad(s))
         return (ufl.dot(change, s) + diffusion) * self.domain.dx
 
@@ -244,8 +264,10 @@ class ReynoldsStressForms:
         """Diffusivity of eps within the section, shape (2, 2) [m2/s]."""
         k, eps = self.energy(now), self.eps(now)
         if now.r is not None:
-            return self._across(self.law.eps_diffusivity(self.stress(now), k, eps))
-        spread = self.numbers.viscosity + self.law.eddy_viscosity(k, eps) / self.law.sigma_eps
+            return self._across(self.transport_law.eps_diffusivity(self.stress(now), k, eps))
+        spread = (
+            self.numbers.viscosity + self.eddy_law.eddy_viscosity(k, eps) / self.eddy_law.sigma_eps
+        )
         return spread * ufl.Identity(2)
 
     def turbulent_energy(self, now: GasState, old: GasState, w: Expr, idt: Any) -> ufl.Form:
@@ -253,7 +275,9 @@ class ReynoldsStressForms:
         k, eps = self.energy(now), self.eps(now)
         work = trace(production(self.stress(now), self.velocity_gradient(now))) / 2
         change = idt * (now.q - old.q) + self.advected(lambda s: s.q, now) - (work - eps) / k
-        spread = self.numbers.viscosity + self.law.eddy_viscosity(k, eps) / self.law.sigma_k
+        spread = (
+            self.numbers.viscosity + self.eddy_law.eddy_viscosity(k, eps) / self.eddy_law.sigma_k
+        )
         gradient = ufl.grad(now.q)
         diffusion = spread * ufl.dot(gradient, ufl.grad(w) - w * gradient)
         return (change * w + diffusion) * self.domain.dx

@@ -52,7 +52,7 @@ class MatchedVelocity:
         stiffness = ufl.inner(ufl.grad(trial), ufl.grad(test)) * section.dx
         mesh.topology.create_connectivity(1, 2)
         edge = exterior_facet_indices(mesh.topology)
-        zero = fem.Constant(mesh, PETSc.ScalarType(0))
+        zero = section._constant(0.0)
         bcs = [fem.dirichletbc(zero, fem.locate_dofs_topological(space, 1, edge), space)]
         psi, phi = fem.Function(space), fem.Function(space)
         turning = (flow.u[0] * test.dx(1) - flow.u[1] * test.dx(0)) * section.dx
@@ -197,7 +197,8 @@ class GasHeat:
 
     def _conditions(self) -> list[fem.DirichletBC]:
         """No flux normal to planes of symmetry."""
-        mesh, bcs = self.section.mesh, []
+        mesh = self.section.mesh
+        bcs: list[fem.DirichletBC] = []
         if not self.law.transported:
             return bcs
         for tag, component in (("symmetry", 0), ("symmetry_x", 0), ("symmetry_y", 1)):

@@ -22,7 +22,7 @@ from typing import Any
 import ufl
 from ufl.core.expr import Expr
 
-from fem_tfm.closures.turbulence.heat_flux import HeatFlux
+from fem_tfm.closures.turbulence.heat_flux import Gradient, HeatFlux, Launder
 from fem_tfm.closures.walls.functions import ThermalWall
 from fem_tfm.models.reynolds_stress.forms import GasState, ReynoldsStressForms
 
@@ -37,8 +37,8 @@ class HeatState:
 
     wall: Any
     t: Expr
-    q: Expr | None = None
-    m: Expr | None = None
+    q: Any = None
+    m: Any = None
 
 
 class Proportional:
@@ -126,18 +126,20 @@ class HeatModel:
         """The turbulent flux in the section [K m/s]."""
         if now.q is not None:
             return ufl.as_vector((now.q[0], now.q[1]))
+        assert isinstance(self.law, Gradient)
         return -self.law.diffusivity(self._eddy_viscosity()) * ufl.grad(now.t)
 
     def _eddy_viscosity(self) -> Expr:
         """nu_t [m2/s] of the flow, by its law's or by the stabilisation's constant."""
         k, eps = self.gas.energy(self.flow), self.gas.eps(self.flow)
         if self.flow.r is None:
-            return self.gas.law.eddy_viscosity(k, eps)
+            return self.gas.eddy_law.eddy_viscosity(k, eps)
         return self.gas.numbers.stabilisation * k**2 / eps
 
     def _fluxes(self, now: HeatState, test: HeatState) -> ufl.Form:
         """Transport of q, and the conduction that is put in and taken out again."""
         gas, flow, law, state = self.gas, self.flow, self.law, (self.flow, now)
+        assert isinstance(law, Launder)
         k, eps, stress = gas.energy(flow), gas.eps(flow), gas.stress(flow)
         rates, gradient = gas.velocity_gradient(flow), ufl.grad(now.t)
         along = self.axis.change(lambda s: s[1].t, state)

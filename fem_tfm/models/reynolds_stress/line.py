@@ -84,7 +84,7 @@ class ReynoldsStressLine(Line):
         """Put the state of the inlet on the station."""
         length = self.inlet.length_scale * self.station.mesh.section.hydraulic_diameter
         initial.enter(self.station, self.inlet.gas_intensity, length)
-        if self.heat is not None:
+        if self.heat is not None and self.given is not None:
             excess = self.given.wall_temperature - self.temperature
             self.heat.enter(0.0, excess if self.given.wall == "temperature" else 0.0)
 
@@ -99,9 +99,11 @@ class ReynoldsStressLine(Line):
 
     def _wall_flux(self) -> float | None:
         """Heat flux of the wall over rho c_p [K m/s], None where its temperature is given."""
-        if self.given.wall == "temperature":
+        given = self.given
+        assert given is not None
+        if given.wall == "temperature":
             return None
-        return self.given.wall_flux / (self.density * self.given.heat_capacity)
+        return given.wall_flux / (self.density * given.heat_capacity)
 
     def back_flow(self) -> str:
         """Why a station is no answer: back-flow or a stress that cannot be."""
@@ -133,7 +135,7 @@ class ReynoldsStressLine(Line):
         k = float(r[:3].sum()) / 2 if transported else math.exp(float(r))
         u_tau2 = math.nan if inlet else drive * width / 4
         row = {
-            "z": self.place.z,
+            "z": self.z,
             "pressure": self.sums.now["head"],
             "pressure_gradient": math.nan if inlet else self.density * drive,
             "friction_factor": math.nan if inlet else 2 * drive * width / speed**2,
@@ -149,6 +151,7 @@ class ReynoldsStressLine(Line):
     def _heat_row(self, inlet: bool) -> dict[str, float]:
         """Temperatures, flux and Nusselt number; the inlet has no wall yet."""
         heat, given, base = self.heat, self.given, self.temperature
+        assert heat is not None and given is not None
         capacity = self.density * given.heat_capacity
         wall = base + heat.wall_temperature
         return {

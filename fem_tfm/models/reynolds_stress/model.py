@@ -10,7 +10,7 @@ from typing import ClassVar, Literal
 from fem_tfm.closures.base import Closure, law
 from fem_tfm.closures.turbulence.heat_flux import HeatFlux
 from fem_tfm.closures.turbulence.reynolds_stress import StressLaw
-from fem_tfm.closures.walls.functions import ThermalWall, WallFunction
+from fem_tfm.closures.walls.functions import Equilibrium, ThermalWall, WallFunction
 from fem_tfm.correlations import friction_velocity
 from fem_tfm.materials import Gas
 from fem_tfm.parameters import Parameters, parameter
@@ -83,7 +83,7 @@ class ReynoldsStress(Parameters):
     def resolved(self) -> tuple[StressLaw, WallFunction]:
         """Stress law and wall function with the constants that they leave to each other."""
         stress, function = self.stress.resolved(), self.wall_function
-        if not function.C_mu:
+        if isinstance(function, Equilibrium) and not function.C_mu:
             function = replace(function, C_mu=stress.log_layer().C_mu)
         return stress, function
 

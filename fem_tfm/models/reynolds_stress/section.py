@@ -58,7 +58,7 @@ class Setup:
         """What the forms depend on; setups that agree in it differ in numbers alone."""
         return self.quadrature_degree, *(structure(law) for law in (self.law, self.function))
 
-    def bound(self, wrap: Callable[[Any], Any]) -> tuple[Any, ...]:
+    def bound(self, wrap: Callable[[Any], Any]) -> tuple[StressLaw, WallFunction, GasNumbers]:
         """Laws and numbers with every number wrapped, in a fixed order."""
         return self.law.bound(wrap), self.function.bound(wrap), self.numbers.bound(wrap)
 
@@ -158,7 +158,7 @@ class ReynoldsStressSection(section.Section):
     def _facing(self, facets: np.ndarray, component: int) -> np.ndarray:
         """Those facets of the wall of a duct whose normal is along x (0) or y (1)."""
         geometry = self.mesh.section
-        half = (geometry.width, geometry.height)[component] / 2 - geometry.wall_offset
+        half = geometry.size[component] / 2 - geometry.wall_offset
         middle = compute_midpoints(self.mesh.mesh, 1, facets)
         return facets[np.abs(middle[:, component]) > half * (1 - ROUND_OFF)]
 
@@ -192,16 +192,16 @@ class ReynoldsStressSection(section.Section):
         speed = self.setup.gas_velocity
         stress = STRESS * speed**2
         scales = {
-            "u": (SPEED * speed,),
-            "p": (stress,),
-            "e": (1.0, 1.5),
-            "r": (stress,),
-            "d": (SHEAR * speed / self.mesh.section.hydraulic_diameter,),
-            "q": (1.0, 1.0),
+            "u": SPEED * speed,
+            "p": stress,
+            "e": 1.0,
+            "r": stress,
+            "d": SHEAR * speed / self.mesh.section.hydraulic_diameter,
+            "q": 1.0,
         }
-        dofs = dict(zip(self.names, self._dofs, strict=True))
-        follows = ("p", "d")
-        return [Block(n, dofs[n], *scales[n], follows=n in follows) for n in self.names]
+        limits, follows = {"e": 1.5, "q": 1.0}, ("p", "d")
+        dofs = dict(zip(self.names, self.owned_dofs, strict=True))
+        return [Block(n, dofs[n], scales[n], limits.get(n), n in follows) for n in self.names]
 
     # -- what others read ----------------------------------------------------------------------
 

@@ -35,8 +35,8 @@ from fem_tfm.materials import Gas, Solids
 from fem_tfm.models.axis import Axis
 from fem_tfm.models.pointwise import (
     ClosureSet,
-    Deformation,
     GranularEnergy,
+    Invariants,
     Pointwise,
     Regularisation,
     SolidsCoefficients,
@@ -84,13 +84,13 @@ class State:
 
     u_g: Expr
     p: Expr
-    u_s: Expr | None = None
-    q: Expr | None = None
-    c: Expr | None = None
-    ln_k: Expr | None = None
-    ln_eps: Expr | None = None
-    ln_k_s: Expr | None = None
-    ln_eps_s: Expr | None = None
+    u_s: Any = None
+    q: Any = None
+    c: Any = None
+    ln_k: Any = None
+    ln_eps: Any = None
+    ln_k_s: Any = None
+    ln_eps_s: Any = None
 
 
 @dataclass(frozen=True)
@@ -207,7 +207,7 @@ class TwoFluidForms:
         """The solids at a state."""
         alpha, theta = self.alpha(state), self.theta(state)
         rate = self.rate(state, "u_s")
-        square, dilation = Deformation(rate).square, ufl.tr(rate)
+        square, dilation = Invariants(rate).square, ufl.tr(rate)
         found = Solid(
             **vars(self.at_point.coefficients(alpha, theta, square, dilation)),
             alpha=alpha,
@@ -221,7 +221,7 @@ class TwoFluidForms:
             return found
         gas, grains = self.gas_eddies(state), self.grains(state, found)
         nu_t = self.closures.dispersed.viscosity(gas, grains)
-        return replace(found, mu_t=alpha * self.solids.density * nu_t)
+        return replace(found, mu_t=alpha * self.at_point.grain.density * nu_t)
 
     def slip_speed(self, state: State) -> Expr:
         """|u_g - u_s|, kept off zero [m/s]."""
@@ -240,7 +240,7 @@ class TwoFluidForms:
     def eddies(self, state: State) -> Eddies:
         """What the gas's law of turbulence sees, in the coordinates of the stretched profile."""
         scales = () if state.ln_k is None else (ufl.exp(state.ln_k), ufl.exp(state.ln_eps))
-        rate = Deformation(self.rate(state, "u_g"))
+        rate = Invariants(self.rate(state, "u_g"))
         return self.at_point.eddies(rate, *self.stretch(), *scales)
 
     def gas_eddies(self, state: State) -> GasEddies:
@@ -252,12 +252,12 @@ class TwoFluidForms:
         # grad(alpha)/alpha of the logit
         along = self.axis.change(lambda s: s.q, state)
         logit = self.axis.gradient(state.q) + along * AXIAL
-        crowding = (1 - solid.alpha / self.solids.packing_limit) * logit
+        crowding = (1 - solid.alpha / self.at_point.grain.packing_limit) * logit
         eddies = None
         if state.ln_k_s is not None:
             scales = ufl.exp(state.ln_k_s), ufl.exp(state.ln_eps_s)
             distance = self.domain.wall_distance
-            eddies = self.at_point.eddies(Deformation(solid.rate), distance, 1.0, *scales)
+            eddies = self.at_point.eddies(Invariants(solid.rate), distance, 1.0, *scales)
         return self.at_point.grains(
             solid.alpha,
             solid.theta,
@@ -319,7 +319,7 @@ class TwoFluidForms:
 
     def solids_momentum(self, now: State, old: State, v: Expr, idt: Any, drive: Any) -> ufl.Form:
         """Momentum of the solids, with wall friction and the weak condition u_s.n = 0."""
-        rho, solid = self.solids.density, self.solid(now)
+        rho, solid = self.at_point.grain.density, self.solid(now)
         a, a0 = solid.alpha, self.alpha(old)
         eddy = rho * a * self.grid_viscosity(now.u_s)
         stress = solid.stress() + 2 * eddy * solid.strain
@@ -396,7 +396,7 @@ class TwoFluidForms:
         gain = energy.production - energy.compression + spread * ufl.inner(slope, slope)
         heat = self.at_point.solids_wall_heat(self.wall_state(now, solid))
         return (
-            (3 * self.solids.density * carried + energy.decay * c - gain / speed) * w
+            (3 * self.at_point.grain.density * carried + energy.decay * c - gain / speed) * w
             + ufl.inner(spread * slope, self.axis.gradient(w))
         ) * self.domain.dx - heat / speed * w * self.domain.ds_wall
 
@@ -419,12 +419,14 @@ class TwoFluidForms:
 
         with x = ln X.
         """
-        eddies, exchange = self.eddies(now), ()
+        eddies = self.eddies(now)
         mass, slope = (1 - self.alpha(now)) * self.gas.density, self.stretch()[1]
+        gas: GasEddies | None = None
+        grains: Grains | None = None
         if self.solids is not None and self.closures.dispersed.needs_k:
-            exchange = self.gas_eddies(now), self.grains(now, self.solid(now))
+            gas, grains = self.gas_eddies(now), self.grains(now, self.solid(now))
         held, form = self.closures.turbulence.wall_values(eddies), ufl.Form([])
-        for name, balance in self.at_point.gas_balances(eddies, *exchange).items():
+        for name, balance in self.at_point.gas_balances(eddies, gas, grains).items():
             form += self.logarithm(name, "u_g", now, old, test, mass, balance, slope, idt)
             if name in held:
                 x, w = getattr(now, name), getattr(test, name)
@@ -436,7 +438,7 @@ class TwoFluidForms:
     def solids_turbulence(self, now: State, old: State, test: State, idt: Any) -> ufl.Form:
         """Transport of the logarithms of the solids' turbulence, in the manner of the gas's."""
         law, solid = self.closures.dispersed, self.solid(now)
-        mass, form = solid.alpha * self.solids.density, ufl.Form([])
+        mass, form = solid.alpha * self.at_point.grain.density, ufl.Form([])
         balances = law.balances(self.gas_eddies(now), self.grains(now, solid))
         for name, balance in balances.items():
             form += self.logarithm(name, "u_s", now, old, test, mass, balance, 1.0, idt)
@@ -448,7 +450,7 @@ class TwoFluidForms:
         gas, grains = self.gas_eddies(now), self.grains(now, solid)
         nu_s = self.closures.dispersed.viscosity(gas, grains)
         # alpha_s grad(alpha_s)/alpha_s of the logit
-        rise = solid.alpha * (1 - solid.alpha / self.solids.packing_limit)
+        rise = solid.alpha * (1 - solid.alpha / self.at_point.grain.packing_limit)
         rise = rise * self.axis.gradient(now.q)
         return self.at_point.dispersion(gas, grains, nu_s) * ufl.inner(rise, v) * self.domain.dx
 
@@ -498,8 +500,8 @@ class TwoFluidForms:
 
     def wall_state(self, state: State, solid: Solid) -> WallState:
         """What the solids' wall law sees."""
-        speed = self.at_point.speed(tangential(state.u_s, self.domain.normal))
-        return WallState(solid.alpha, solid.theta, solid.g0, solid.p_f, speed)
+        slip = tangential(state.u_s, self.domain.normal)
+        return self.at_point.wall_state(solid.alpha, solid.theta, solid, slip)
 
     def solids_wall_traction(self, state: State) -> Expr:
         """c u_t, minus the traction of the wall on the solids [Pa]."""

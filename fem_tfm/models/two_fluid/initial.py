@@ -39,6 +39,7 @@ def _profile(section: Section, laminar: bool) -> fem.Function:
 def solids_guess(section: Section) -> tuple[float, float]:
     """Hold-up [-] and mean solids velocity [m/s] to start from."""
     setup = section.setup
+    assert setup.feed is not None and setup.solids is not None
     kind, value = setup.feed
     limit = 0.9 * setup.solids.packing_limit
     if kind == "holdup":
@@ -87,8 +88,9 @@ def set_turbulence(
     gas, solids : mean velocity [m/s] and intensity [-]
     """
 
-    def numbers(values: tuple[float, float]) -> list[fem.Constant]:
-        return [fem.Constant(section.mesh.mesh, value) for value in values]
+    def numbers(values: tuple[float, float]) -> tuple[fem.Constant, fem.Constant]:
+        speed, intensity = (fem.Constant(section.mesh.mesh, value) for value in values)
+        return speed, intensity
 
     laws = section.model.closures
     guess = laws.turbulence.estimate(*numbers(gas), length)

@@ -96,7 +96,7 @@ class TwoFluidLine(Line):
         found = quantities(station, 1.0)
         inlet = not self.rows
         row = {
-            "z": self.place.z,
+            "z": self.z,
             "pressure": self.sums.now["head"],
             "pressure_gradient": math.nan if inlet else found["pressure_gradient"],
             "gas_mass_flow": found["gas_mass_flow"],
@@ -120,6 +120,7 @@ class TwoFluidLine(Line):
     def bed_height(self) -> float:
         """Height up to which the vertical diameter is denser than the onset of friction [m]."""
         station, solids = self.station, self.station.setup.solids
+        assert solids is not None
         height = station.mesh.section.size[1]
         y = np.linspace(-0.5, 0.5, BED_POINTS) * height * (1 - 1e-6)
         logit = self._copies["now", "q"]

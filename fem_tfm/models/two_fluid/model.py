@@ -127,7 +127,8 @@ class TwoFluid(Parameters):
     symmetry: ClassVar[str] = "half"
 
     def __post_init__(self) -> None:
-        if self.turbulence == FOUR_EQUATION:
+        given: Any = self.turbulence
+        if given == FOUR_EQUATION:
             object.__setattr__(self, "turbulence", "realizable")
             if isinstance(self.dispersed, _Unstated):
                 object.__setattr__(self, "dispersed", "k-epsilon")
@@ -156,9 +157,10 @@ class TwoFluid(Parameters):
     def bound(self, wrap: Callable[[float], Any]) -> Self:
         """The same laws with every parameter wrapped, so that a change recompiles no form."""
         laws = {f.name: getattr(self, f.name) for f in fields(self)}
-        return replace(
-            self, **{n: one.bound(wrap) for n, one in laws.items() if isinstance(one, Closure)}
-        )
+        bound: dict[str, Any] = {
+            name: one.bound(wrap) for name, one in laws.items() if isinstance(one, Closure)
+        }
+        return replace(self, **bound)
 
     def laws(self) -> Iterator[Closure]:
         """The laws that are used: those of the gas, and those of the solids where there are any."""

@@ -29,7 +29,7 @@ def quantities(section: TwoFluidSection, length: float) -> dict[str, float]:
         return found
     solids = section.integral("solids flux", alpha * state.u_s[2])
     held = section.integral("held", alpha)
-    in_bed = ufl.conditional(ufl.gt(alpha, model.solids.friction_limit), 1.0, 0.0)
+    in_bed = ufl.conditional(ufl.gt(alpha, model.at_point.grain.friction_limit), 1.0, 0.0)
     return found | {
         "solids_mass_flow": whole * setup.solids.density * solids,
         "holdup": held / section.area,

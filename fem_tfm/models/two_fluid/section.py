@@ -19,6 +19,8 @@ from dolfinx import fem
 from dolfinx.la import InsertMode
 from mpi4py import MPI
 
+from fem_tfm.closures.walls.gas import GasWall
+from fem_tfm.closures.walls.solids import SolidsWall
 from fem_tfm.fenics import compile_expression
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.materials import Gas, Solids
@@ -74,7 +76,9 @@ class Setup:
         """Unknowns of the problem, in their order."""
         return (NAMES[:2] if self.solids is None else NAMES) + self.model.scales
 
-    def bound(self, wrap: Callable[[Any], Any]) -> tuple[Any, ...]:
+    def bound(
+        self, wrap: Callable[[Any], Any]
+    ) -> tuple[Gas, Solids | None, TwoFluid, Any, Stabilisation]:
         """Gas, solids, laws, gravity, numerics with all numbers wrapped, in a fixed order."""
         return (
             self.gas.bound(wrap),
@@ -173,7 +177,10 @@ class TwoFluidSection(section.Section):
 
     def boundary_conditions(self) -> list[fem.DirichletBC]:
         """u_x = 0 on the symmetry plane and no slip where a wall law asks for it."""
-        laws = {"u_g": self.setup.model.gas_wall, "u_s": self.setup.model.solids_wall}
+        laws: dict[str, GasWall | SolidsWall] = {
+            "u_g": self.setup.model.gas_wall,
+            "u_s": self.setup.model.solids_wall,
+        }
         bcs = []
         for name in ("u_g", "u_s") if self.setup.solids else ("u_g",):
             components = {"symmetry": [0], "wall": [0, 1, 2] if laws[name].strong else []}
@@ -193,8 +200,8 @@ class TwoFluidSection(section.Section):
         if self.develops:
             return [self._drive_border(now.p * dx, targets[0])]
         borders = [self._drive_border((1 - alpha) * now.u_g[2] * dx, targets[0])]
-        if self.setup.solids is not None:
-            carried = alpha * dx if self.setup.feed[0] == "holdup" else alpha * now.u_s[2] * dx
+        if (feed := self.setup.feed) is not None:
+            carried = alpha * dx if feed[0] == "holdup" else alpha * now.u_s[2] * dx
             column = -alpha * self._test().q * dx
             borders.append(self._border(self.source, column, carried, targets[1]))
         return borders
@@ -225,11 +232,11 @@ class TwoFluidSection(section.Section):
         """Sizes of the unknowns, from the scales of the problem."""
         speed = 0.1 * self.setup.gas_velocity
         head = 0.1 * self.setup.gas.density * self.setup.gas_velocity**2
-        scales = {"u_g": (speed,), "p": (head,), "u_s": (speed,)}
-        scales |= {"q": (1.0, 1.0), "c": (0.2 * speed,)}
-        scales |= dict.fromkeys(SCALES, (1.0, 1.5))
-        dofs = dict(zip(self.names, self._dofs, strict=True))
-        return [Block(n, dofs[n], *scales[n], follows=n == "p") for n in self.names]
+        scales = {"u_g": speed, "p": head, "u_s": speed, "q": 1.0, "c": 0.2 * speed}
+        scales |= dict.fromkeys(SCALES, 1.0)
+        limits = {"q": 1.0} | dict.fromkeys(SCALES, 1.5)
+        dofs = dict(zip(self.names, self.owned_dofs, strict=True))
+        return [Block(n, dofs[n], scales[n], limits.get(n), n == "p") for n in self.names]
 
     # -- what others read ----------------------------------------------------------------------
 
@@ -268,7 +275,7 @@ class TwoFluidSection(section.Section):
         if self.setup.solids is None:
             return {}
         x, comm = self.now.x.array, self.mesh.mesh.comm
-        q, c = (x[self._dofs[self.names.index(n)]].max(initial=-np.inf) for n in ("q", "c"))
+        q, c = (x[self.owned_dofs[self.names.index(n)]].max(initial=-np.inf) for n in ("q", "c"))
         q, c = comm.allreduce(q, MPI.MAX), comm.allreduce(c, MPI.MAX)
         floor = self.setup.numerics.theta_floor
         limit = self.setup.solids.packing_limit
@@ -284,7 +291,7 @@ class TwoFluidSection(section.Section):
         laws = self.setup.model
         force = 0.0
         traction = (1 - self.model.alpha(now)) * self.model.gas_wall_traction(now)
-        tractions = {"u_g": (laws.gas_wall, traction)}
+        tractions: dict[str, tuple[GasWall | SolidsWall, Any]] = {"u_g": (laws.gas_wall, traction)}
         if self.setup.solids is not None:
             tractions["u_s"] = (laws.solids_wall, self.model.solids_wall_traction(now))
         for name, (law, traction) in tractions.items():

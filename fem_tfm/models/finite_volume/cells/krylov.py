@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Linear solvers of the matrices of the cells."""
+"""Linear solvers of the equations of the cells."""
 
 from __future__ import annotations
 
@@ -31,22 +31,31 @@ OPTIONS: dict[str, dict[str, object]] = {
 
 
 class Krylov:
-    """A Krylov solver of one CellMatrix, whose preconditioner follows the matrix or is kept.
+    """A Krylov solver of one matrix; the preconditioner follows the matrix or is kept.
 
+    PETSc options with the prefix fem_tfm_cells_transport_ or fem_tfm_cells_pressure_ replace those
+    that are set here.
+
+    Parameters
+    ----------
+    matrix : of the equations
     method : "transport" (BiCGStab, incomplete LU of each rank's part) or "pressure" (conjugate
         gradients, algebraic multigrid with Richardson and SOR smoothing)
-    tolerance : of the residual over that of the right-hand side
+    tolerance : of the residual over the right-hand side
 
-    PETSc's options begin with fem_tfm_cells_transport_ or fem_tfm_cells_pressure_.
+    Attributes
+    ----------
+    iterations : of the last solution
     """
 
     def __init__(self, matrix: CellMatrix, method: str, tolerance: float) -> None:
         self.matrix, self._method, self._tolerance = matrix, method, tolerance
-        self.x, self.b = matrix.matrix.createVecs()
+        self.x, self.b = matrix.matrix.createVecRight(), matrix.matrix.createVecLeft()
         self.iterations = 0
         self._create()
 
     def _create(self) -> None:
+        """The solver without any preconditioner."""
         self.ksp = PETSc.KSP().create(self.matrix.cells.comm)
         self.ksp.setOperators(self.matrix.matrix)
         self.ksp.setInitialGuessNonzero(True)
@@ -56,14 +65,15 @@ class Krylov:
         self._fixed = PETSc.Options().hasName(prefix + "ksp_atol")
 
     def update(self, keep: bool = False) -> None:
-        """The matrix has new values; `keep` the preconditioner of older ones."""
+        """Take over new values of the matrix; `keep` the preconditioner of older ones."""
         self.ksp.setOperators(self.matrix.matrix)
         self.ksp.getPC().setReusePreconditioner(keep)
 
     def solve(self, rhs: Array, start: Array, enough: float = SMALLEST) -> Array:
         """Solution over the owned unknowns (collective).
 
-        A preconditioned residual of norm `enough`, which has the unit of the unknowns, ends it too.
+        enough : norm of the preconditioned residual, in the unit of the unknowns, that ends the
+            iterations, too
 
         Raises
         ------
@@ -76,13 +86,12 @@ class Krylov:
             self.ksp.setTolerances(atol=max(enough, SMALLEST))
         self.ksp.solve(self.b, self.x)
         self.iterations = self.ksp.getIterationNumber()
-        reason = self.ksp.getConvergedReason()
-        if reason < 0:
+        if self.ksp.is_diverged:
             raise SolverError(f"a linear solver stopped after {self.iterations} iterations")
         return self.x.array_r.copy()
 
     def reset(self) -> None:
-        """Start from nothing: a multigrid keeps more of its past than its age."""
+        """Start anew: a multigrid keeps more from older matrices than its hierarchy."""
         self.ksp.destroy()
         self._create()
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Limiters: slopes in cells, and fluxes that keep cells within bounds."""
+"""Limiters: of linear values in cells, and of fluxes, by which cells keep their bounds."""
 
 from __future__ import annotations
 
@@ -11,51 +11,48 @@ from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
 def limited_increments(
     cells: Cells, values: Array, gradient: Array, small: Array | float
 ) -> tuple[Array, Array]:
-    """What values on the inner faces have beyond those of the first and of the second cell.
+    """Increments from the first and from the second cell to the inner faces, limited linear.
 
-    Linear in each cell, and limited where differences across and upwind of a face disagree:
+        increment = psi g.(x_face - x_cell),  psi = max(0, 2 (a.b + e^2)/(a.a + b.b + 2 e^2))
 
-        rise = psi g.(x_face - x_cell),  psi = max(0, 2 (a.b + e^2)/(a.a + b.b + 2 e^2))
+    with b the difference across the face and a = 2 g.d - b the one behind the cell. Where a and b
+    agree, the values are smooth and the increments linear, also at extrema flatter than e.
 
-    with b the difference across the face and a = 2 g.d - b that behind the cell. Smooth values,
-    for which a and b agree, keep their slope, also at extrema that are flatter than e.
-
-    values (count, ...) : of a scalar or a vector, which has one psi
+    values (count, ...) : a scalar, or a vector with one psi for its components
     gradient (count, ..., 3) : g
     small (inner) : e, in the unit of the values
 
     Source: van Albada, van Leer and Roberts (1982), Astron. Astrophys. 108, 76-84.
     """
     first, second = cells.first[: cells.inner_count], cells.second
-    # component by component: these arrays are the largest of a step
+    # one array for each component, which is several times as fast as one of vectors
     parts = values.reshape(cells.count, -1).T
     slopes = np.ascontiguousarray(gradient.reshape(cells.count, -1, 3).transpose(1, 2, 0))
     across = [part[second] - part[first] for part in parts]
     size = sum(b * b for b in across) + 2 * np.square(small)
-    (apart, *ways), found = cells.ways, []
-    for cell, way in zip((first, second), ways, strict=True):
+    (delta, *to_face), found = cells.inner_vectors, []
+    for cell, vector in zip((first, second), to_face, strict=True):
         slope = [[g[cell] for g in part] for part in slopes]
         behind = [
-            2 * sum(g * d for g, d in zip(part, apart, strict=True)) - b
+            2 * sum(g * d for g, d in zip(part, delta, strict=True)) - b
             for part, b in zip(slope, across, strict=True)
         ]
         agree = sum(a * b for a, b in zip(behind, across, strict=True)) + np.square(small)
         size_behind = sum(a * a for a in behind)
         psi = 2 * np.maximum(agree, 0.0) / np.maximum(size + size_behind, 1e-300)
-        rise = [psi * sum(g * d for g, d in zip(part, way, strict=True)) for part in slope]
+        rise = [psi * sum(g * d for g, d in zip(part, vector, strict=True)) for part in slope]
         found.append(np.stack(rise, axis=1).reshape(-1, *values.shape[1:]))
-    ahead, back = found
-    return ahead, back
+    from_first, from_second = found
+    return from_first, from_second
 
 
-def limit_flux(cells: Cells, flux: Array, loss: Array, gain: Array) -> Array:
-    """Fluxes that are reduced until no cell loses or gains too much by them (collective).
+def limit_flux(cells: Cells, flux: Array, loss: Array, gain: Array | float) -> Array:
+    """Fluxes reduced so that no cell loses or gains too much by them (collective).
 
-    Each is taken times the smaller of the shares that its two cells allow, so that what one
-    cell loses another gains.
+    Each flux is multiplied by the smaller of the shares that its two cells allow, which conserves.
 
-    flux (faces) : what is carried through faces
-    loss, gain (owned) : most that the sum over a cell's outgoing and incoming fluxes may be
+    flux (faces) : fluxes to be limited
+    loss, gain (owned) : largest sums of the outgoing and of the incoming fluxes of a cell
 
     Source: Zalesak (1979), J. Comput. Phys. 31, 335-362.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""The mesh of an unsteady flow as the parts of a step see it: cells, boundary and inlet profile."""
+"""The mesh of a line: its cells, boundary parts, wall distances and inlet profile."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
 from fem_tfm.models.finite_volume.cells.reconstruction import Reconstruction
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 
-# a wall whose normal has a smaller part along the axis is a side of the line, not an end
+# walls whose normals have a smaller part along the axis are sides of the line, not its ends
 ALONG = 0.7
 PARTS = ("inlet", "outlet", "wall", "symmetry")
-# share of the wall law's distance that stands for no stretching
+# smallest stretching of the gas profile at the wall, over the height of the wall law
 SHORTEST = 1e-9
 
 
@@ -24,25 +24,25 @@ class LineMesh:
 
     Parameters
     ----------
-    problem : inlet, scales
+    problem : inlet profile, wall law of the gas, scales
     mesh : three-dimensional, with the parts inlet, outlet, wall, symmetry that it has
 
     Attributes
     ----------
-    cells : operators over cells and faces
+    cells : geometry and operators
     volume : of the owned cells [m3]
     own, inner : slices of the owned cells and of the inner faces
     inlet, outlet, wall : slices of faces, empty where the mesh has no such part
-    impermeable : slice of the faces of the wall and then of planes of symmetry
-    has_inlet, has_wall : whether the mesh has the part, on any rank
-    has_outlet : whether it has a face
-    normal (faces, 3), inverse_distance (faces) : unit normal; 1/distance along it [1/m]
-    open (faces) : 1 on faces that a phase can pass without being fed, else 0
-    wall_distance : of the cells to the wall of the mesh [m]
-    gas_profile : height y' of the gas's profile that the cells carry [m], and dy'/dy
-    wall_height : at which the wall law meets the gas of the wall's cells [m]
-    inlet_profile : normal velocity of what enters over its mean, on the faces of the inlet [-]
-    velocity_scale, diameter : scales of the flow [m/s], [m]
+    impermeable : slice of the faces of the wall, followed by those of planes of symmetry
+    has_inlet, has_wall, has_outlet : whether the mesh has the part, on any rank
+    normal (faces, 3) : unit normal
+    inverse_distance (faces) : 1/distance of the centres along the normal [1/m]
+    open (faces) : 1 on inner faces and at the outlet, 0 elsewhere
+    wall_distance (cells) : to the wall [m]
+    gas_profile (cells) : height y' [m] in the gas profile, which the wall law stretches, and dy'/dy
+    wall_height (wall's faces) : height at which the wall law holds for the cells there [m]
+    inlet_profile (inlet's faces) : normal velocity over its mean [-]
+    velocity_scale, diameter : U [m/s] and D [m]
     """
 
     def __init__(self, problem: UnsteadyProblem, mesh: Mesh) -> None:
@@ -74,9 +74,10 @@ class LineMesh:
         self.inlet_profile = self._inlet_profile(problem.inlet_profile)
 
     def _wall_distance(self) -> Array:
-        """Distance to the wall less that of the straight faces themselves (collective).
+        """Distance of the cells to the wall as the mesh has it (collective).
 
-        Where the wall is curved they are nearer by more than a thin cell's height.
+        The faces of a curved wall lie inside it, by more than the height of a thin cell; their mean
+        distance to the wall is subtracted.
         """
         cells, mesh = self.cells, self.mesh
         found, middle = mesh.distance_at(cells.centre), cells.face_centre[self.wall]
@@ -90,6 +91,7 @@ class LineMesh:
         return np.maximum(found - sagitta, thinnest / 2)
 
     def _inlet_profile(self, name: str) -> Array:
+        """Normal velocity on the inlet's faces over its mean [-] (collective)."""
         cells = self.cells
         shape = np.ones(self.inlet.stop - self.inlet.start)
         if name == "power-law":
@@ -100,24 +102,24 @@ class LineMesh:
         return shape * (area / flux) if flux > 0 else shape
 
     def inlet_flux(self, mean: float) -> Array:
-        """Volume flux into the domain at a mean velocity, negative as it enters [m3/s]."""
+        """Volume flux through the inlet's faces at a mean velocity, negative inwards [m3/s]."""
         return -mean * self.inlet_profile * self.cells.face_area[self.inlet]
 
     def small_norm(self, value: float) -> float:
-        """Norm of a vector with `value` in every cell."""
+        """Norm of a vector with this value in every cell."""
         return value * self.cells.map.size_global**0.5
 
 
 def _stretched(law: GasWall, distance: Array, offset: float) -> tuple[Array, Array]:
-    """Height y' [m] of the profile that points off the wall carry, and dy'/dy."""
+    """Height y' in the gas profile at a distance to the wall [m], and dy'/dy."""
     height, slope = law.stretched(distance, offset)
     return height, np.zeros_like(distance) + slope
 
 
 def _wall_height(law: GasWall, distance: Array, offset: float, diameter: float) -> Array:
-    """Height [m] at which the law meets gas `distance` off the wall.
+    """Height [m] at which the wall law holds for cells with centres at a distance to the wall.
 
-    The law makes up for the flux that its stretched strip adds, here for what is within the cell.
+    The law compensates for the flow that its stretched strip adds within the cell.
     """
     height, _ = _stretched(law, distance, offset)
     added = np.maximum(height - distance, SHORTEST * offset)

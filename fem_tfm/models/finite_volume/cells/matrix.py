@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Matrix of one equation of the cells."""
+"""Sparse matrix of the equations of the cells."""
 
 from __future__ import annotations
 
@@ -10,24 +10,29 @@ import numpy as np
 import numpy.typing as npt
 from petsc4py import PETSc
 
-from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
+from fem_tfm.models.finite_volume.cells.mesh import Array, Cells, Index
 
 
 class CellMatrix:
     """Sparse matrix that couples each cell with the cells across its faces.
 
-    width : unknowns in a cell; they couple with each other, and each with its own kind next door
-    components : of a vector that each of them is
-    tied : owned cells in which the components of an unknown couple
+    The unknowns of a cell couple with each other, and each with the same unknown across a face.
+
+    Parameters
+    ----------
+    cells : mesh
+    width : number of unknowns in a cell (phases)
+    components : number of components of each of them
+    coupled : owned cells in which the components of an unknown couple with each other
     """
 
     def __init__(
-        self, cells: Cells, width: int = 1, components: int = 1, tied: Array | None = None
+        self, cells: Cells, width: int = 1, components: int = 1, coupled: Index | None = None
     ) -> None:
         self.cells, self.components = cells, components
         first, second = cells.first[: cells.inner_count], cells.second
+        # inner faces whose first and whose second cell is owned; a slice costs nothing
         self._mine, self._yours = (
-            # a slice costs nothing where there are no ghosts
             slice(None) if (cell < cells.owned).all() else np.flatnonzero(cell < cells.owned)
             for cell in (first, second)
         )
@@ -43,19 +48,20 @@ class CellMatrix:
                 rows.append(a[mask] * many + i)
                 columns.append(b[mask] * many + i)
         for i, j in itertools.permutations(range(components), 2):
+            assert coupled is not None
             for k in range(width):
-                rows.append(tied * many + i * width + k)
-                columns.append(tied * many + j * width + k)
+                rows.append(coupled * many + i * width + k)
+                columns.append(coupled * many + j * width + k)
         self._assign(np.concatenate(rows), np.concatenate(columns), many)
 
     def _assign(self, rows: Array, columns: Array, many: int) -> None:
-        """Give every entry its place in the arrays of the matrix, which PETSc shares."""
+        """Place every entry in the arrays of the matrix, which PETSc shares."""
         cells = self.cells
         local = cells.owned * many
         self._blocks: list[tuple[Array, npt.NDArray[np.intp]]] = []
         parts = []
         for far in (False, True):
-            # of each row from left to right, as an incomplete factorisation wants them
+            # incomplete factorisation needs the entries of a row in order
             order = np.flatnonzero((columns >= local) == far)
             order = order[np.lexsort((columns[order], rows[order]))]
             begins = np.searchsorted(rows[order], np.arange(local + 1))
@@ -74,19 +80,19 @@ class CellMatrix:
         self,
         diagonal: Sequence[Array],
         across: Sequence[tuple[Array, Array]],
-        ties: Sequence[Array] = (),
+        couplings: Sequence[Array] = (),
     ) -> None:
-        """New values (collective).
+        """Set all entries (collective).
 
-        diagonal : for each component width^2 arrays over owned cells, row by row
-        across : for each unknown, entries of the first cell's row and of the second's over inner
-            faces, the same for all components
-        ties : for each component and each other one, entries of each unknown over the tied cells
+        diagonal : for each component, width^2 arrays over owned cells, row by row
+        across : for each unknown, entries over inner faces in the row of the first cell and in that
+            of the second, the same for all components
+        couplings : for each pair of components, entries of each unknown over the coupled cells
         """
         values = list(diagonal)
-        for ahead, back in [*across] * self.components:
-            values += [ahead[self._mine], back[self._yours]]
-        entries = np.concatenate([*values, *ties])
+        for of_first, of_second in [*across] * self.components:
+            values += [of_first[self._mine], of_second[self._yours]]
+        entries = np.concatenate([*values, *couplings])
         for block, order in self._blocks:
             np.take(entries, order, out=block, mode="clip")
         self.matrix.assemble()

@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Cells and faces of a mesh: what a conservative scheme with one value a cell needs.
+"""Cells and faces of a mesh, and the operators of a cell-centred finite-volume scheme.
 
-A scheme of this kind is the lowest discontinuous Galerkin space with upwind facet terms, written
-out over flat arrays: one product with a sparse matrix takes fluxes to cells. The tests hold it
-against the facet forms that it writes out. Nothing here knows physics.
+The scheme is the lowest discontinuous Galerkin space with upwind facet terms, written out over flat
+arrays: products with sparse matrices sum fluxes over the faces of cells. The tests compare it with
+the facet forms. This module knows no physics.
 
-Arrays over cells hold the owned cells and then the ghosts; arrays over faces hold the inner faces
-and then those of the boundary, part by part. A flux is positive from the first cell of a face to
-the second, and out of the domain on the boundary.
+Arrays over cells contain the owned cells and then the ghosts; arrays over faces contain the inner
+faces and then those of the boundary, part by part. A flux is positive from the first cell of a face
+to the second, and out of the domain on the boundary.
 """
 
 from __future__ import annotations
@@ -28,10 +28,11 @@ from fem_tfm.fenics import compile_form
 from fem_tfm.geometry.mesh import Mesh
 
 type Array = npt.NDArray[np.float64]
+type Index = npt.NDArray[np.integer]
 
 
 class Cells:
-    """Geometry and connections of the cells of a 3D mesh, and what they do to arrays.
+    """Geometry, connectivity and operators of the cells of a 3D mesh.
 
     Parameters
     ----------
@@ -40,17 +41,18 @@ class Cells:
 
     Attributes
     ----------
-    owned, count : cells of this rank, and with its ghosts
-    volume (count), centre (count, 3)
-    inner_count, face_count : inner faces, and with those of the boundary
-    first, second : cells of the inner faces; `first` goes on with the cells of the boundary
-    area (faces, 3) : vector from the first cell to the second, or outwards
-    face_area (faces) : its length
-    face_centre (faces, 3) : centre of the face
-    delta (faces, 3) : d, from the centre of the first cell to that of the second or to the face
-    face_weight (faces) : |S|^2/(S.d), the weight of a difference in a diffusive flux [m]
-    non_orthogonal (faces, 3) : S - d |S|^2/(S.d), what that difference misses
-    interpolation_weight (inner) : weight of the first cell in a value interpolated to the face
+    owned, count : number of cells of this rank, and with its ghosts
+    volume (count) : [m3]
+    centre (count, 3) : [m]
+    inner_count, face_count : number of inner faces, and with those of the boundary
+    first, second : cells of the inner faces; `first` continues with the cells of the boundary
+    area (faces, 3) : area vector S, from the first cell to the second or outwards [m2]
+    face_area (faces) : |S| [m2]
+    face_centre (faces, 3) : [m]
+    delta (faces, 3) : d, from the centre of the first cell to that of the second or to the face [m]
+    face_weight (faces) : |S|^2/(S.d), factor of the difference in a diffusive flux [m]
+    non_orthogonal (faces, 3) : S - d |S|^2/(S.d), the part of S without that difference [m2]
+    interpolation_weight (inner) : weight of the first cell in a value interpolated to the face [-]
     parts : slice of each part of the boundary in an array over faces
     """
 
@@ -81,11 +83,12 @@ class Cells:
             found.scatter_forward()
             return found.array.copy()
 
-        one = fem.Constant(domain, PETSc.ScalarType(1))
+        one = fem.Constant(domain, np.asarray(1, dtype=PETSc.ScalarType))
         self.volume = cellwise(one)
         self.centre = np.stack([cellwise(x[i]) for i in range(3)], axis=1) / self.volume[:, None]
 
     def _connect(self, parts: Sequence[str]) -> None:
+        """Number the faces: inner ones with an owned cell, then those of each boundary part."""
         topology = self.mesh.mesh.topology
         topology.create_connectivity(2, 3)
         topology.create_connectivity(3, 2)
@@ -107,13 +110,13 @@ class Cells:
             cells.append(cell)
         self.inner_count = inner.size
         self.facets = np.concatenate(facets).astype(np.int32)
-        # numpy takes values by its own kind of integers twice as fast
+        # numpy gathers by its native integers twice as fast
         self.first = np.concatenate(cells).astype(np.intp)
         self.second = pair[:, 1].astype(np.intp)
         self.face_count = self.facets.size
 
     def _measure_faces(self) -> None:
-        """Area vectors from the corners, which close every cell exactly, and weights."""
+        """Area vectors from the corners, so that every cell is closed exactly, and weights."""
         domain = self.mesh.mesh
         domain.topology.create_connectivity(2, 0)
         corners = domain.topology.connectivity(2, 0)
@@ -129,7 +132,7 @@ class Cells:
         self.face_centre = points.mean(axis=1)
         outward = self.face_centre - self.centre[self.first]
         area[np.einsum("ij,ij->i", area, outward) < 0] *= -1
-        # by component: so a part of one lies in one piece
+        # in Fortran order, so that each component is contiguous
         self.area, self.face_area = np.asfortranarray(area), np.linalg.norm(area, axis=1)
         there = np.concatenate([self.centre[self.second], self.face_centre[self.inner_count :]])
         self.delta = there - self.centre[self.first]
@@ -142,13 +145,13 @@ class Cells:
         self.non_orthogonal = np.asfortranarray(area - self.face_weight[:, None] * self.delta)
 
     @cached_property
-    def ways(self) -> tuple[Array, Array, Array]:
-        """From cell to cell, and from either to the middle of the inner faces; by component."""
+    def inner_vectors(self) -> tuple[Array, Array, Array]:
+        """Vectors (3, inner) from the first cell to the second, and from either to the face [m]."""
         middle = self.face_centre[: self.inner_count]
         first, second = self.centre[self.first[: self.inner_count]], self.centre[self.second]
-        ways = second - first, middle - first, middle - second
-        along, ahead, back = (np.ascontiguousarray(way.T) for way in ways)
-        return along, ahead, back
+        vectors = second - first, middle - first, middle - second
+        across, from_first, from_second = (np.ascontiguousarray(one.T) for one in vectors)
+        return across, from_first, from_second
 
     def _points(self, vertices: npt.NDArray[np.int32]) -> Array:
         """Coordinates of vertices."""
@@ -163,48 +166,33 @@ class Cells:
     # -- operators -----------------------------------------------------------------------------
 
     def _build(self) -> None:
-        inner = np.arange(self.inner_count)
-        first, second = self.first[: self.inner_count], self.second
-        mine, yours = first < self.owned, second < self.owned
-        edge = np.arange(self.inner_count, self.face_count)
-        rows = [first[mine], second[yours], self.first[self.inner_count :]]
-        columns = [inner[mine], inner[yours], edge]
-        signs = [np.ones(mine.sum()), -np.ones(yours.sum()), np.ones(edge.size)]
+        """The operators as sparse matrices."""
+        faces = np.arange(self.face_count)
+        inner, second = faces[: self.inner_count], self.second
         shape = (self.owned, self.face_count)
-        place = np.concatenate(rows), np.concatenate(columns)
-        sign = np.concatenate(signs)
-        ones = sign > 0
-        self._from_first = sparse.csr_array(
-            (sign[ones], (place[0][ones], place[1][ones])), shape=shape
+        self.from_first, self.from_second = (
+            narrow(sparse.csr_array((np.ones(ours.sum()), (cell[ours], face[ours])), shape=shape))
+            for cell, face, ours in (
+                (self.first, faces, self.first < self.owned),
+                (second, inner, second < self.owned),
+            )
         )
-        self._from_second = sparse.csr_array(
-            (-sign[~ones], (place[0][~ones], place[1][~ones])), shape=shape
-        )
-        # what a face takes from its two sides
-        self._mean = sparse.csr_array(
-            (
-                np.concatenate(
-                    [self.interpolation_weight, 1 - self.interpolation_weight, np.ones(edge.size)]
-                ),
-                (
-                    np.concatenate([inner, inner, edge]),
-                    np.concatenate([first, second, self.first[self.inner_count :]]),
-                ),
-            ),
-            shape=(self.face_count, self.count),
-        )
-        # vectors interpolated and projected at once
-        along = [sparse.diags_array(self.area[:, i]) @ self._mean for i in range(3)]
-        corner = [sparse.csr_array(np.eye(3)[i : i + 1]) for i in range(3)]
-        parts = (sparse.kron(part, one) for part, one in zip(along, corner, strict=True))
-        self._flux = sparse.csr_array(sum(parts))
-        self._gradient = self._least_squares(mine, yours)
-        for name in ("_from_first", "_from_second", "_mean", "_flux", "_gradient"):
-            setattr(self, name, narrow(getattr(self, name)))
+        weight = np.ones(self.face_count)
+        weight[inner] = self.interpolation_weight
+        weights = np.concatenate([weight, 1 - self.interpolation_weight])
+        places = np.concatenate([faces, inner]), np.concatenate([self.first, second])
+        mean = sparse.csr_array((weights, places), shape=(self.face_count, self.count))
+        # vectors are interpolated and projected at once
+        projected = [sparse.diags_array(self.area[:, i]) @ mean for i in range(3)]
+        component = [sparse.csr_array(np.eye(3)[i : i + 1]) for i in range(3)]
+        parts = (sparse.kron(part, one) for part, one in zip(projected, component, strict=True))
+        self._mean, self._flux = narrow(mean), narrow(sparse.csr_array(sum(parts)))
+        self._gradient = narrow(self._least_squares())
 
-    def _least_squares(self, mine: Array, yours: Array) -> sparse.csr_array:
+    def _least_squares(self) -> sparse.csr_array:
         """Gradient in owned cells, exact for a linear field whatever the shape of the cells."""
         first, second = self.first[: self.inner_count], self.second
+        mine, yours = first < self.owned, second < self.owned
         away = self.delta[: self.inner_count]
         weight = 1 / np.einsum("ij,ij->i", away, away)
         here = np.concatenate([first[mine], second[yours]])
@@ -213,7 +201,7 @@ class Cells:
         weight = np.concatenate([weight[mine], weight[yours]])
         products = np.zeros((self.owned, 3, 3))
         np.add.at(products, here, weight[:, None, None] * away[:, :, None] * away[:, None, :])
-        # a direction without neighbours has no gradient
+        # the gradient along a direction without neighbours is zero
         inverse = np.linalg.pinv(products, rcond=1e-8, hermitian=True)
         row = np.einsum("nij,nj->ni", inverse[here], weight[:, None] * away)
         shape = (self.owned, self.count)
@@ -225,19 +213,19 @@ class Cells:
         return sparse.csr_array(sparse.vstack(parts))
 
     def net_flux(self, flux: Array) -> Array:
-        """What leaves each owned cell through its faces."""
-        return self._from_first @ flux - self._from_second @ flux
+        """Sum of the fluxes out of each owned cell."""
+        return self.from_first @ flux - self.from_second @ flux
 
     def sum_by_side(self, ahead: Array, back: Array) -> Array:
-        """What leaves each owned cell: `ahead` from first cells, `back` from second ones."""
-        return self._from_first @ ahead + self._from_second @ back
+        """Sum over the faces of each owned cell: of `ahead` for first cells, `back` for second."""
+        return self.from_first @ ahead + self.from_second @ back
 
     def sum_faces(self, values: Array) -> Array:
-        """Sum of the values of each owned cell's faces, without their direction."""
+        """Sum of the values on the faces of each owned cell."""
         return self.sum_by_side(values, values)
 
     def to_faces(self, values: Array) -> Array:
-        """Values on the faces, interpolated; those of the cell itself on the boundary."""
+        """Values interpolated to the faces; that of the cell on the boundary."""
         return self._mean @ values
 
     def flux(self, vectors: Array) -> Array:
@@ -250,28 +238,29 @@ class Cells:
         return np.moveaxis(found, 0, -1)
 
     def add_boundary(self, part: str, values: Array, faces: Array) -> Array:
-        """Add to `values` over owned cells what the faces of one part give, and return them."""
+        """Add values on the faces of one part to `values` of their cells, and return these."""
         np.add.at(values, self.first[self.parts[part]], faces)
         return values
 
     def faces_by_cell(self, values: Array, directed: bool = True) -> Array:
-        """Values on faces as the owned cells see them, (owned, facets of a cell).
+        """Values on the faces of each owned cell, (owned, facets of a cell).
 
-        A flux is positive out of the cell. In this shape it can be handed to any other rank.
+        A `directed` value, such as a flux, is positive out of the cell. In this shape values can be
+        given to any other partition of the mesh.
         """
         place, sign = self._sides()
         found = values[place]
         return found * sign if directed else found
 
     def from_faces_by_cell(self, sides: Array, directed: bool = True) -> Array:
-        """Values on faces from what `faces_by_cell` gave."""
+        """Values on faces from those of `faces_by_cell`."""
         place, sign = self._sides()
         found = np.empty(self.face_count)
         found[place] = sides * sign if directed else sides
         return found
 
     def _sides(self) -> tuple[npt.NDArray[np.int64], Array]:
-        """Face and direction of each facet of the owned cells."""
+        """Face of each facet of the owned cells, and 1, or -1 where the cell is its second."""
         topology = self.mesh.mesh.topology
         links = topology.connectivity(3, 2)
         many = int(links.offsets[1]) if self.count else 0
@@ -283,7 +272,7 @@ class Cells:
         return place, np.where(ahead, 1.0, -1.0)
 
     def update_ghosts(self, values: Array) -> Array:
-        """Give the ghosts the values of their owners, in place (collective)."""
+        """Copy the owners' values to the ghosts, in place (collective)."""
         if self.comm.size == 1:
             return values
         width = int(np.prod(values.shape[1:], dtype=int))
@@ -298,7 +287,7 @@ class Cells:
         return values
 
     def ghosted(self, owned: Array) -> Array:
-        """An array over all local cells from that over the owned ones (collective)."""
+        """An array over owned cells extended by the ghosts (collective)."""
         found = np.empty((self.count, *owned.shape[1:]))
         found[: self.owned] = owned
         return self.update_ghosts(found)
@@ -310,7 +299,7 @@ class Cells:
     def largest(self, owned: Array | float) -> float:
         """Maximum over all ranks (collective)."""
         value = float(np.max(owned, initial=-np.inf))
-        # a value that is not finite must not be lost by a comparison
+        # comparisons with nan would lose it
         broken = self.comm.allreduce(int(np.isnan(value)))
         return float("nan") if broken else float(self.comm.allreduce(value, MPI.MAX))
 

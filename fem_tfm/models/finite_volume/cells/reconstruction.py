@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Vectors in cells from what is known on their faces."""
+"""Vectors in cells from their normal components on faces."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from fem_tfm.models.finite_volume.cells.mesh import Array, Cells, narrow
 
 
 class Reconstruction:
-    """Vectors in cells from normal components on their faces, by least squares.
+    """Vectors in cells from their normal components u_n on faces, by least squares.
 
-    u = (sum c S S/|S|)^-1 sum c S u_n, exact for a uniform field; faces of the parts `without` are
-    left out. c is one unless it is given.
+        u = (sum c S S/|S|)^-1 sum c S u_n
+
+    exact for a uniform field. Faces of the boundary parts `without` are left out; the weight c of
+    the others is one unless it is given.
     """
 
     def __init__(self, cells: Cells, without: Sequence[str]) -> None:
@@ -27,30 +29,30 @@ class Reconstruction:
         products = cells.area[:, :, None] * cells.area[:, None, :] * weight[:, None, None]
         matrix = cells.sum_faces(products.reshape(-1, 9)).reshape(-1, 3, 3)
         self._matrix, inverse = matrix, np.linalg.inv(matrix)
-        # the same vector for both cells of a face: |S| n n.u summed without direction
-        self._operator = []
-        faces = cells._from_first + cells._from_second
+        # S u_n does not depend on the direction of S: one sum for both cells of a face
+        rows_of_component = []
+        faces = cells.from_first + cells.from_second
         for i in range(3):
             part = 0
             for j in range(3):
                 rows = sparse.diags_array(inverse[:, i, j])
                 columns = sparse.diags_array(cells.area[:, j] * used)
                 part = part + rows @ faces @ columns
-            self._operator.append(sparse.csr_array(part))
-        self._operator = narrow(sparse.csr_array(sparse.vstack(self._operator)))
+            rows_of_component.append(sparse.csr_array(part))
+        self._operator = narrow(sparse.csr_array(sparse.vstack(rows_of_component)))
         self._cells = cells
 
     def __call__(
-        self, normal: Array, less: tuple[npt.NDArray, npt.NDArray, Array] | None = None
+        self, normal: Array, partial: tuple[npt.NDArray, npt.NDArray, Array] | None = None
     ) -> Array:
         """Vectors (owned, 3) from components along the area vectors (faces).
 
-        less : inner faces with c < 1, on which side, 0 for the first cell, and c
+        partial : inner faces with c < 1 for one of their cells, side of it (0: the first), and c
         """
         found = (self._operator @ normal).reshape(3, -1).T
-        if less is None:
+        if partial is None:
             return found
-        cells, (face, side, count) = self._cells, less
+        cells, (face, side, count) = self._cells, partial
         cell = np.where(side, cells.second[face], cells.first[face])
         ours = cell < cells.owned
         if not ours.any():

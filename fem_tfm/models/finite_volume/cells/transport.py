@@ -8,7 +8,7 @@ import numpy as np
 from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
-from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.cells.mesh import Array, Index
 from fem_tfm.models.finite_volume.scheme import FirstOrder
 from fem_tfm.models.finite_volume.state import TRANSPORT_TOLERANCE
 
@@ -40,7 +40,7 @@ class ScalarTransport:
         guess: Array,
         entering: float,
         share: Array,
-        prescribed: tuple[Array, Array] | None = None,
+        prescribed: tuple[Index, Array] | None = None,
     ) -> tuple[Array, int]:
         """Values X > 0 of the owned cells, and the iterations that they took (collective).
 
@@ -84,7 +84,7 @@ class ScalarTransport:
 
     def _prescribe(
         self,
-        prescribed: tuple[Array, Array],
+        prescribed: tuple[Index, Array],
         diagonal: Array,
         rhs: Array,
         across: tuple[Array, Array],

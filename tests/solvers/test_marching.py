@@ -105,7 +105,7 @@ def test_a_refused_station_is_tried_again_with_a_smaller_step() -> None:
         fall = float(problem.old.x.array[0]) - problem.value
         return "too far" if fall > 0.01 else "too low" if problem.value < 0.7 else ""
 
-    march = problem.march(MarchControl(0.02, 0.02, 1e-7, bend=1.0), check)
+    march = problem.march(MarchControl(first=0.02, largest=0.02, smallest=1e-7, bend=1.0), check)
     with pytest.raises(SolverError, match=r"marching ends at z = 0\.4\d+ m: too low"):
         march.run(1.0)
     assert "too far" in {reason for _, reason in problem.retries}
@@ -115,7 +115,7 @@ def test_a_refused_station_is_tried_again_with_a_smaller_step() -> None:
 
 
 def test_too_many_stations() -> None:
-    control = MarchControl(0.01, 0.01, 1e-3, max_stations=5)
+    control = MarchControl(first=0.01, largest=0.01, smallest=1e-3, max_stations=5)
     with pytest.raises(SolverError, match=r"5 stations led to z = 0\.05 m only"):
         Decay().march(control).run(1.0)
 

@@ -22,9 +22,8 @@ import ufl
 from fem_tfm.closures.turbulence.dispersed import Grains
 from fem_tfm.closures.turbulence.gas import Eddies
 from fem_tfm.closures.walls.solids import WallState
-from fem_tfm.models.finite_volume.cells.facets import PARTS, Face, FacetForms, larger
 from fem_tfm.models.finite_volume.cells.line import LineMesh
-from fem_tfm.models.finite_volume.ideal_gas import GasBalance
+from fem_tfm.models.finite_volume.specification.facets import PARTS, Face, FacetForms, larger
 from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
     Density,
@@ -33,11 +32,11 @@ from fem_tfm.models.finite_volume.state import (
     Sources,
     TurbulenceCoefficients,
 )
-from fem_tfm.models.finite_volume.time_levels import TimeLevels
+from fem_tfm.models.finite_volume.time_levels import GasBalance, TimeLevels
 from fem_tfm.models.finite_volume.turbulence import LARGEST_STEP, SMALLEST_CHANGE
 from fem_tfm.models.pointwise import (
-    Deformation,
     GranularEnergy,
+    Invariants,
     Pointwise,
     SolidsCoefficients,
     tangential,
@@ -62,7 +61,9 @@ def density_fields(on: FacetForms, density: Density) -> SimpleNamespace:
     cells = on.cells
     sizes = {"start": cells.owned, "cells": cells.owned}
     sizes |= {"faces": cells.face_count, "upwind": cells.face_count}
-    spread = {name: np.broadcast_to(getattr(density, name), n) for name, n in sizes.items()}
+    spread: dict[str, Any] = {
+        name: np.broadcast_to(getattr(density, name), n) for name, n in sizes.items()
+    }
     return on.fields(dataclasses.replace(density, **spread))
 
 
@@ -75,8 +76,9 @@ def phase_fields(on: FacetForms, phase: Phase) -> SimpleNamespace:
     cells, support = on.cells, phase.support
     sizes = {"pressure": cells.count}
     sizes |= dict.fromkeys(("dispersion_force", "implicit_correction"), cells.face_count)
-    absent = {name: np.zeros(n) for name, n in sizes.items() if getattr(phase, name) is None}
-    found = on.fields(dataclasses.replace(phase, support=None, wall_friction=0.0, **absent))
+    absent: dict[str, Any] = {n: np.zeros(m) for n, m in sizes.items() if getattr(phase, n) is None}
+    absent |= {"support": None, "wall_friction": 0.0}
+    found = on.fields(dataclasses.replace(phase, **absent))
     found.density = density_fields(on, phase.density)
     found.wall_friction = on.density(on.on_part("wall", phase.wall_friction))
     if support is None:
@@ -174,7 +176,7 @@ def drag_coefficients(point: Pointwise, alpha: Any, slip: Any, height: Any) -> t
 
 def gas_viscosity(point: Pointwise, gradient: Any, profile: tuple[Any, Any]) -> Any:
     """mu_g + mu_t of an algebraic law at height y' of a profile stretched by dy'/dy [Pa s]."""
-    return point.gas_viscosity(point.eddies(Deformation(gradient), *profile), profile[1])
+    return point.gas_viscosity(point.eddies(Invariants(gradient), *profile), profile[1])
 
 
 def solids_wall(
@@ -376,19 +378,17 @@ def transport_source(on: FacetForms, w: Any, flux: Face, gain: Any, entering: An
     return gain * w * on.dx + ufl.max_value(-flux.edge, 0) * entering * w * on.ds("inlet")
 
 
-def energy_dilation(moved: Any, deformation: Any, levels: Any, order: int) -> Any:
+def energy_dilation(moved: Any, deformation: Any, levels: Any) -> Any:
     """div u_s of the granular energy: the slower of two compressions at first order [1/s].
 
-    What the velocities of the step and those before it both compress is, as far as the step is of
-    second order, compressed as by those of the step; so is what they expand.
+    What the velocities of the step and the predicted ones both compress is, as far as the step is
+    of second order, compressed as by those of the step; so is what they expand.
     """
     later, now = moved.dilation, deformation.dilation
-    found = ufl.max_value(later, now)
-    if not order:
-        return found
+    larger = ufl.max_value(later, now)
     both = ufl.And(ufl.lt(later, 0), ufl.lt(now, 0))
-    trusted = ufl.conditional(ufl.Or(both, ufl.gt(later, 0)), levels.second_order, 0)
-    return found + trusted * (later - found)
+    agreed = ufl.conditional(ufl.Or(both, ufl.gt(later, 0)), levels.second_order, 0)
+    return larger + agreed * (later - larger)
 
 
 def temperature_sources(

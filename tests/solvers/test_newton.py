@@ -117,7 +117,7 @@ def test_an_approach_that_leads_nowhere_is_taken_back(monkeypatch: pytest.Monkey
     kept, load = problem.u.x.array.copy(), float(problem.load.value)
     problem.target.value = 2.0
 
-    def broken(*_: float) -> None:
+    def broken(*_: float, **__: bool) -> None:
         problem.u.x.array[:] = np.nan
         raise LinearSolveError("not finite")
 

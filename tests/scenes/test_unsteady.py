@@ -95,9 +95,7 @@ def test_steps_end_at_outputs_and_corners(dense: dict[str, Any]) -> None:
 def test_steps_as_the_case_wants_them(dense: dict[str, Any]) -> None:
     control = case_of(dense).scene.control()
     assert (control.first, control.largest, control.courant) == pytest.approx((1e-5, 1e-3, 1.0))
-    control = case_of(
-        dense, {"numerics.time_step": 1.0, "numerics.courant": 5.0}
-    ).scene.control()
+    control = case_of(dense, {"numerics.time_step": 1.0, "numerics.courant": 5.0}).scene.control()
     assert (control.first, control.courant) == (1e-3, 5.0)
 
 

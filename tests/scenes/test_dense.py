@@ -9,19 +9,16 @@ import pytest
 
 from fem_tfm.case import Case
 from fem_tfm.correlations import friction_velocity
-from fem_tfm.flows import describe
-from fem_tfm.flows.case_geometry import resolution_of
-from fem_tfm.flows.dense import advice, mesh_sizes
 from fem_tfm.geometry.resolution import WALL_RATIO
 
 
 @pytest.fixture
 def demo(root: Path) -> Case:
-    return Case.load(root / "demos/dense_pipe/case3.toml")
+    return Case.load(root / "demos/dense_pipe/algebraic.toml")
 
 
 def test_the_demo_needs_no_advice(demo: Case) -> None:
-    assert advice(demo) == []
+    assert demo.scene.advice() == []
 
 
 @pytest.mark.parametrize(
@@ -34,17 +31,17 @@ def test_the_demo_needs_no_advice(demo: Case) -> None:
     ],
 )
 def test_advice(demo: Case, changes: dict[str, Any], part: str) -> None:
-    (sentence,) = advice(demo.with_values(changes))
+    (sentence,) = demo.with_values(changes).scene.advice()
     assert part in sentence
 
 
 def test_a_packed_friction_limit_is_fine(demo: Case) -> None:
     changes = {"closures.friction": "schaeffer", "solids.friction_limit": 0.58}
-    assert advice(demo.with_values(changes)) == []
+    assert demo.with_values(changes).scene.advice() == []
 
 
 def test_describe_tells_what_is_solved_and_skipped(demo: Case) -> None:
-    told = describe(demo)
+    told = demo.scene.describe()
     assert "hold-up 0.245" in told["given"]
     assert "320 cells" in told["finest_mesh"]
     assert any("mirror" in line for line in told["skipped"])
@@ -54,7 +51,9 @@ def test_describe_tells_what_is_solved_and_skipped(demo: Case) -> None:
 def test_transported_turbulence_is_told_to_cost_more(demo: Case) -> None:
     """Four more unknowns take longer to solve for and to compile."""
     four = demo.with_values({"closures.turbulence": "realizable-4eq"})
-    seconds = [[int(n) for n in re.findall(r"(\d+) s", describe(c)["time"])] for c in (demo, four)]
+    seconds = [
+        [int(n) for n in re.findall(r"(\d+) s", c.scene.describe()["time"])] for c in (demo, four)
+    ]
     assert [len(s) for s in seconds] == [2, 2]
     assert seconds[1][0] > 2 * seconds[0][0]
     assert seconds[1][1] > 2 * seconds[0][1]
@@ -62,10 +61,11 @@ def test_transported_turbulence_is_told_to_cost_more(demo: Case) -> None:
 
 def test_a_resolved_wall_chooses_its_distance_and_cells(demo: Case) -> None:
     """y+ = 2 of the gas alone, by the distance and by the height of the wall cell."""
-    case = demo.with_values({"walls.gas": "low-reynolds"})
-    viscosity = case.gas.gas_viscosity / case.gas.gas_density
+    scene = demo.with_values({"walls.gas": "low-reynolds"}).scene
+    viscosity = scene.model.gas.viscosity / scene.model.gas.density
     unit = viscosity / friction_velocity(6.43, 0.01, viscosity)
-    assert case.wall_distance == pytest.approx(2 * unit)
-    core = mesh_sizes(case)[-1]
-    assert resolution_of(case).wall_ratio * core == pytest.approx(2 * unit)
-    assert resolution_of(demo).wall_ratio == WALL_RATIO
+    assert scene.wall_offset == pytest.approx(2 * unit)
+    resolution = scene.physics.resolution
+    core = resolution.core_size(scene.section)
+    assert resolution.wall_ratio * core == pytest.approx(2 * unit)
+    assert demo.scene.physics.resolution.wall_ratio == WALL_RATIO
