@@ -125,6 +125,7 @@ def test_shares_of_the_friction_on_two_triangles(study: Any) -> None:
     assert found["overpacked"] == pytest.approx(0.5)
 
 
+@pytest.mark.slow
 def test_two_cases_and_a_failed_one_make_a_whole_report(study: Any, tmp_path: Path) -> None:
     made = study.Study(Case.load(study.CASE).with_values(CHEAP))
     told: list[str] = []

@@ -74,6 +74,7 @@ def test_chunks_keep_the_route_and_share_it_evenly() -> None:
     assert len(sweep.chunks(route[:2], 5)) == 2
 
 
+@pytest.mark.slow
 def test_a_neighbour_costs_a_quarter_and_is_the_cold_answer(
     dense: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -149,6 +150,7 @@ def test_another_mesh_starts_cold(dense: dict[str, Any]) -> None:
     assert [p.start for p in sweep.solve(Plan(case), points)] == ["cold", "cold"]
 
 
+@pytest.mark.slow
 def test_lines_are_swept_too(dense: dict[str, Any]) -> None:
     """Every point of a developing flow starts at its inlet."""
     dense["operation"]["solids_velocity"] = 6.09

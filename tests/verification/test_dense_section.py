@@ -216,6 +216,7 @@ def duct(cells: str, level: int) -> nested.Solution:
     return solve(Case.from_dict(tables))
 
 
+@pytest.mark.slow
 def test_square_duct_on_quadrilaterals() -> None:
     solution = duct("quadrilateral", 3)
     assert solution.levels[-1].history.update <= 1e-9

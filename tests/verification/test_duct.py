@@ -116,6 +116,7 @@ def test_parts_of_the_section_agree(symmetry: str) -> None:
         assert part[name] == pytest.approx(value, rel=1e-6), name
 
 
+@pytest.mark.slow
 def test_triangles_agree_with_quadrilaterals() -> None:
     triangles = told(numerics__cells="triangle")
     for name, value in FINE.items():

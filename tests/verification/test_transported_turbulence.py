@@ -355,8 +355,10 @@ def test_every_block_of_the_jacobian(chosen: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize(
     "chosen",
-    [FOUR | {"walls.gas": "log-law"}, SIMONIN | {"closures.turbulence": "realizable"}],
-    ids=["four-equation", "simonin"],
+    [
+        pytest.param(FOUR | {"walls.gas": "log-law"}, id="four-equation", marks=pytest.mark.slow),
+        pytest.param(SIMONIN | {"closures.turbulence": "realizable"}, id="simonin"),
+    ],
 )
 def test_case_3_from_a_cold_start(chosen: dict[str, Any]) -> None:
     """Steady to 1e-9 with balances closed, k positive and below the energy of the mean flow."""
