@@ -27,7 +27,8 @@ import ufl
 from cffi.recompiler import recompile
 from dolfinx import default_scalar_type, fem, jit
 from ufl.algorithms.analysis import extract_constants
-from ufl.algorithms.map_integrands import map_integrand_dags
+from ufl.algorithms.map_integrands import map_integrands
+from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
 
 from fem_tfm.errors import SolverError
@@ -54,23 +55,32 @@ class _Replaced(MultiFunction):
         return self._others[o]
 
 
-def renumbered(form: Any) -> Any:
-    """The same form, or expression, on constants whose numbers all have the same length.
+def renumbered(forms: Sequence[Any]) -> list[Any]:
+    """The same forms, or expressions, on constants whose numbers all have the same length.
 
     UFL orders the factors of a product by their texts, and the text of a constant holds its running
     number: "99" stands behind "100". The order, and with it the name under which the form is
-    cached, would depend on how many constants were made before. Here the k-th of n constants gets
-    the number 10^m + k, 10^m > n. The order of the constants stays; the constants of the given form
-    and UFL's counter are not touched, and a value that is set later reaches both forms.
+    cached, would depend on how many constants were made before. Where the numbers differ in length,
+    the k-th of n constants gets the number 10^m + k, 10^m > n, here. The order of the constants
+    stays; the constants of the given forms and UFL's counter are not touched, and a value that is
+    set later reaches both. What forms have in common, as a residual and its derivative have, is
+    walked through once.
     """
-    constants = extract_constants(form)
-    first = 10 ** len(str(len(constants)))
-    others = {}
+    constants = sorted({c for f in forms for c in extract_constants(f)}, key=ufl.Constant.count)
+    if len({len(str(constant.count())) for constant in constants}) <= 1:
+        return list(forms)
+    others, first = {}, 10 ** len(str(len(constants)))
     for number, constant in enumerate(constants, first):
         other = ufl.Constant(constant.ufl_domain(), constant.ufl_shape, count=number)
         other._cpp_object = constant._cpp_object  # DOLFINx finds the value here
         others[constant] = other
-    return map_integrand_dags(_Replaced(others), form)
+    replaced = _Replaced(others)
+    seen: dict[Any, Any] = {}
+    made: dict[Any, Any] = {}
+    return [
+        map_integrands(lambda e: map_expr_dag(replaced, e, vcache=seen, rcache=made), form)
+        for form in forms
+    ]
 
 
 def compile_forms(forms: Sequence[Any]) -> list[fem.Form]:
@@ -86,7 +96,7 @@ def compile_forms(forms: Sequence[Any]) -> list[fem.Form]:
     SolverError
         another run has been compiling the same form for too long, or was killed while it did.
     """
-    forms = [renumbered(form) for form in forms]
+    forms = renumbered(forms)
     if forms and forms[0].ufl_domain().ufl_cargo().comm.rank == 0:
         _fill_cache(sorted(forms, key=lambda form: -len(form.arguments())))
     try:
@@ -102,7 +112,8 @@ def compile_form(form: Any) -> fem.Form:
 
 def compile_expression(expression: Any, points: np.ndarray) -> fem.Expression:
     """Compile a UFL expression at points of the reference cell, or take it from the cache."""
-    return fem.Expression(renumbered(ufl.as_ufl(expression)), points, jit_options=JIT_OPTIONS)
+    (expression,) = renumbered([ufl.as_ufl(expression)])
+    return fem.Expression(expression, points, jit_options=JIT_OPTIONS)
 
 
 @dataclass(frozen=True)

@@ -211,40 +211,26 @@ def test_register_refuses_a_taken_name_and_a_foreign_class(registry):
         register("drag", "ergun")(Second)
 
 
-NEW_LAW = '''
-from dataclasses import dataclass
-from fem_tfm.closures.base import parameter, register
-from fem_tfm.closures.drag import Drag
-
-@register("drag", "mine")
-@dataclass(frozen=True)
-class Mine(Drag):
-    """My drag.
-
-        beta = k a
-
-    Validity: here.
-    Source: me.
-    """
-
-    k: float = parameter(2.0, "kg/m3/s", "slope", gt=0)
-
-    def specific(self, alpha_s, slip, gas, solids):
-        return self.k
-'''
+def example_of_the_recipe() -> str:
+    """The file that docs/adding_a_closure.md tells to write."""
+    text = Path(__file__).parents[2].joinpath("docs/adding_a_closure.md").read_text("utf-8")
+    return text.partition("```python\n")[2].partition("```")[0]
 
 
-def test_a_file_dropped_into_the_folder_registers_itself_without_dolfinx(tmp_path):
+@pytest.mark.parametrize("folder", ["", "walls"])
+def test_the_file_of_the_recipe_registers_itself_without_dolfinx(tmp_path, folder):
     package = Path(importlib.import_module("fem_tfm.closures").__file__).parent
     copy = tmp_path / "fem_tfm"
     shutil.copytree(package, copy / "closures", ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.copy(package.parent / "errors.py", copy / "errors.py")
-    (copy / "closures" / "mine.py").write_text(NEW_LAW)
+    for name in ("errors.py", "materials.py", "parameters.py"):
+        shutil.copy(package.parent / name, copy / name)
+    (copy / "closures" / folder / "my_drag.py").write_text(example_of_the_recipe())
     program = (
         "import sys; sys.modules.update(dolfinx=None, petsc4py=None, mpi4py=None)\n"
         "import fem_tfm.closures as c\n"
-        "law = c.make('drag', {'model': 'mine', 'k': 3})\n"
-        "print(c.__file__, law.beta(0.5, 0.0, None, None), 'mine' in c.names('drag'))"
+        "law = c.make('drag', {'model': 'my-drag', 'n': 2})\n"
+        "(told,) = (e for e in c.catalogue('drag') if e['name'] == 'my-drag')\n"
+        "print(c.__file__, law.n, all(told.values()))"
     )
     done = subprocess.run(
         [sys.executable, "-c", program],
@@ -254,6 +240,6 @@ def test_a_file_dropped_into_the_folder_registers_itself_without_dolfinx(tmp_pat
         text=True,
         check=True,
     )
-    path, beta, known = done.stdout.split()
+    path, exponent, complete = done.stdout.split()
     assert Path(path).is_relative_to(tmp_path)
-    assert (float(beta), known) == (1.5, "True")
+    assert (float(exponent), complete) == (2.0, "True")
