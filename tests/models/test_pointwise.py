@@ -13,33 +13,48 @@ from dolfinx.mesh import create_interval
 from mpi4py import MPI
 
 import fem_tfm as ft
+from fem_tfm.closures.base import make, names
 from fem_tfm.fenics import compile_expression
 from fem_tfm.models.pointwise import SLIP_STEP, Invariants, Pointwise, Regularisation
 
 COUNT = 200
 GAS = ft.Gas(density=33.5, viscosity=1.8e-5)
 COAL = ft.Solids(density=1700.0, diameter=1.6e-4, restitution=0.7)
-SETS: dict[str, dict[str, Any]] = {
-    "mixing length": {},
-    "four equations": {
-        "turbulence": "realizable",
-        "dispersed": {"model": "k-epsilon", "normal_stress": 1.0},
-        "dispersion": "burns",
-        "gas_wall": "log-law-k",
-        "friction": "srivastava-sundaresan",
-    },
-    "simonin": {
-        "turbulence": "k-epsilon",
-        "dispersed": "simonin",
-        "dispersion": "simonin",
-        "gas_wall": "log-law-k",
-        "drag": "gidaspow",
-        "granular": "hrenya-sinclair",
-        "friction": "johnson-jackson",
-        "solids_wall": "johnson-jackson",
-        "friction_feeds_theta": True,
-    },
-}
+FAMILIES = ("drag", "radial", "granular", "friction", "solids-wall")
+# tables of laws whose defaults leave a term out
+FULL: dict[str, Any] = {"k-epsilon": {"model": "k-epsilon", "normal_stress": 1.0}}
+
+
+def law_sets() -> dict[str, dict[str, Any]]:
+    """As many sets of laws as the largest family has, so that each law stands in one or more.
+
+    The gas's turbulence is transported in every second set, as some laws ask for.
+    """
+    walls = {law: make("gas-wall", law) for law in names("gas-wall")}
+    # with transported turbulence and without
+    fit = {
+        True: [name for name, law in walls.items() if not law.strong],
+        False: [name for name, law in walls.items() if not law.needs_k],
+    }
+    found: dict[str, dict[str, Any]] = {}
+    for i in range(max(len(names(family)) for family in FAMILIES)):
+        laws: dict[str, Any] = {
+            family.replace("-", "_"): names(family)[i % len(names(family))] for family in FAMILIES
+        }
+        transported, step = i % 2 == 1, i // 2
+        eddies = ("k-epsilon", "realizable") if transported else ("laminar", "mixing-length")
+        laws["turbulence"] = eddies[step % 2]
+        laws["gas_wall"] = fit[transported][step % len(fit[transported])]
+        if transported:
+            dispersed = names("dispersed")[step % len(names("dispersed"))]
+            laws["dispersed"] = FULL.get(dispersed, dispersed)
+            laws["dispersion"] = names("dispersion")[step % len(names("dispersion"))]
+        laws["friction_feeds_theta"] = step % 2 == 1
+        found[f"{i}: {laws['drag']}, {laws['turbulence']}"] = laws
+    return found
+
+
+SETS = law_sets()
 SHAPES: dict[str, tuple[int, ...]] = {
     "L": (3, 3),
     "L_s": (3, 3),
@@ -56,7 +71,8 @@ def random_states() -> dict[str, np.ndarray]:
     def decades(low: float, high: float) -> np.ndarray:
         return 10 ** random.uniform(low, high, COUNT)
 
-    alpha = np.where(random.random(COUNT) < 0.3, decades(-9, -1), random.uniform(0, 0.62, COUNT))
+    dilute, medium, packed = decades(-9, -1), random.uniform(0, 0.6, COUNT), 0.63 - decades(-3, -1)
+    alpha = np.choose(random.integers(3, size=COUNT), [dilute, medium, packed])
     return {
         "L": decades(0, 4)[:, None, None] * random.standard_normal((COUNT, 3, 3)),
         "L_s": decades(0, 3)[:, None, None] * random.standard_normal((COUNT, 3, 3)),
@@ -146,12 +162,20 @@ def test_ufl_and_arrays_agree_at_random_states(name: str) -> None:
     """Every quantity within 1e-12 of itself, or of what it is the difference of."""
     point, states = pointwise(SETS[name]), random_states()
     arrays = quantities(point, states | {"dilation": np.trace(states["L_s"], axis1=1, axis2=2)})
-    names, found = in_ufl(point, states)
-    assert names == list(arrays) and len(names) > 20
+    told, found = in_ufl(point, states)
+    assert told == list(arrays) and len(told) > 20
     scales = {"cubic": np.abs(arrays["S:S"]) ** 1.5, "growth": arrays["beta"] / SLIP_STEP}
-    for i, quantity in enumerate(names):
+    for i, quantity in enumerate(told):
         wanted = np.broadcast_to(np.asarray(arrays[quantity], dtype=float), COUNT)
         assert np.isfinite(wanted).all(), quantity
         scale = scales.get(quantity, np.abs(wanted))
         wrong = np.abs(found[:, i] - wanted) / np.maximum(scale, 1e-300)
         assert wrong.max() < 1e-12, (quantity, wrong.max(), states["alpha"][wrong.argmax()])
+
+
+def test_every_law_stands_in_a_set() -> None:
+    """Nothing that a point needs is left out of the comparison."""
+    chosen = [pointwise(laws).closures for laws in SETS.values()]
+    for family in (*FAMILIES, "turbulence", "dispersed", "dispersion", "gas-wall"):
+        found = {getattr(laws, family.replace("-", "_")).name for laws in chosen}
+        assert found == set(names(family)), family
