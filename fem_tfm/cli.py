@@ -114,7 +114,9 @@ def _say(*texts: object) -> None:
 def run(options: argparse.Namespace) -> None:
     """Solve a case, write the results and print them."""
     case, out = _load(options), options.out or _results(options.case)
-    result = case.run(out, options.overwrite, options.resume, options.quiet)
+    result = case.scene.run(
+        out, overwrite=options.overwrite, resume=options.resume, quiet=options.quiet
+    )
     if not options.quiet and MPI.COMM_WORLD.rank == 0:
         from fem_tfm.output.summary import print_summary
 

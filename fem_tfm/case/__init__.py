@@ -11,11 +11,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from mpi4py import MPI
-
 import fem_tfm.scenes  # noqa: F401  (the scenes register themselves)
 from fem_tfm.case.edit import change, each_once, give_way, parse_override, read
-from fem_tfm.output.result import Result
 from fem_tfm.scenes.kinds import known_keys
 from fem_tfm.scenes.reading import scene_from, tables_of
 from fem_tfm.scenes.recorder import case_text
@@ -88,17 +85,6 @@ class Case:
     def dump(self) -> str:
         """Return the case as TOML with every default written out."""
         return case_text(self.scene)
-
-    def run(
-        self,
-        out: str | Path | None = None,
-        overwrite: bool = False,
-        resume: bool = False,
-        quiet: bool = True,
-        comm: MPI.Comm = MPI.COMM_WORLD,
-    ) -> Result:
-        """Solve the case; see `Scene.run`."""
-        return self.scene.run(out, overwrite=overwrite, resume=resume, quiet=quiet, comm=comm)
 
 
 def load(path: str | Path, overrides: Iterable[str] = ()) -> Scene[Any, Any]:

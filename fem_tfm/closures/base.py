@@ -197,3 +197,9 @@ def law(family: str, default: str, doc: str, key: str) -> Any:
         return make(family, spec, where)
 
     return parameter(default, doc=doc, key=key, convert=convert)
+
+
+def wall_distance_field() -> Any:
+    """Field of a model: distance from the wall at which its wall laws act [m]."""
+    doc = "distance of the wall law, default that of the flow"
+    return parameter(None, "m", doc, key="walls.distance", gt=0, le=10)

@@ -84,11 +84,20 @@ def dartevelle_viscosity(
     return p_f * sin2 / sqrt(rate2 + floor)
 
 
-def johnson_jackson_pressure(
-    alpha_s: Value, solids: Solids, fr: Value, r: Value, s: Value, width: Value
-) -> Value:
-    """Fr (a - a_min)^r/(a_max - a)^s [Pa] (Johnson and Jackson 1987)."""
-    return fr * excess(alpha_s, solids, width) ** r / (solids.packing_limit - alpha_s) ** s
+@dataclass(frozen=True)
+class JohnsonJacksonPressure(Friction):
+    """What laws with the frictional pressure of Johnson and Jackson (1987) share."""
+
+    Fr: float = parameter(0.05, "Pa", "pressure scale", gt=0)
+    r: float = parameter(2.0, "-", "exponent of the excess over a_min", ge=1)
+    s: float = parameter(5.0, "-", "exponent of the distance to a_max", gt=0)
+    width: float = _width()
+    strain_floor: float = _floor()
+
+    def pressure(self, alpha_s: Value, solids: Solids) -> Value:
+        """Fr (a - a_min)^r/(a_max - a)^s [Pa]."""
+        above = excess(alpha_s, solids, self.width)
+        return self.Fr * above**self.r / (solids.packing_limit - alpha_s) ** self.s
 
 
 @register("friction", "none")
@@ -167,7 +176,7 @@ class Berzi(Friction):
 
 @register("friction", "srivastava-sundaresan")
 @dataclass(frozen=True)
-class SrivastavaSundaresan(Friction):
+class SrivastavaSundaresan(JohnsonJacksonPressure):
     """Srivastava-Sundaresan friction, Johnson-Jackson at the critical state.
 
         p_c  = Fr (a - a_min)^r/(a_max - a)^s
@@ -183,13 +192,8 @@ class SrivastavaSundaresan(Friction):
     Source: Srivastava and Sundaresan (2003), Powder Technol. 129, 72-85.
     """
 
-    Fr: float = parameter(0.05, "Pa", "pressure scale", gt=0)
-    r: float = parameter(2.0, "-", "exponent of the excess over a_min", ge=1)
-    s: float = parameter(5.0, "-", "exponent of the distance to a_max", gt=0)
     compaction_n: float = parameter(1.03, "-", "exponent n in compaction", gt=1)
     switch_width: float = parameter(0.05, "-", "width of the switch of n in X", gt=0)
-    width: float = _width()
-    strain_floor: float = _floor()
 
     def stress(
         self, alpha_s: Value, theta: Value, shear: Value, dilation: Value, solids: Solids
@@ -201,7 +205,7 @@ class SrivastavaSundaresan(Friction):
         dilating = (1 + tanh(x / self.switch_width)) / 2
         n = self.compaction_n + (math.sqrt(3) / 2 / sin_phi - self.compaction_n) * dilating
         base = positive_part(1 - x / n, _YIELD_EPS)
-        p_c = johnson_jackson_pressure(alpha_s, solids, self.Fr, self.r, self.s, self.width)
+        p_c = self.pressure(alpha_s, solids)
         p_f = p_c * base ** (n - 1)
         bracket = positive_part(n - (n - 1) * base, _YIELD_EPS)
         return Frictional(p_f, p_f * sin_phi / rate * bracket)
@@ -209,7 +213,7 @@ class SrivastavaSundaresan(Friction):
 
 @register("friction", "johnson-jackson")
 @dataclass(frozen=True)
-class JohnsonJackson(Friction):
+class JohnsonJackson(JohnsonJacksonPressure):
     """Johnson-Jackson frictional pressure with Schaeffer's viscosity.
 
         p_f  = Fr (a - a_min)^r/(a_max - a)^s
@@ -220,17 +224,11 @@ class JohnsonJackson(Friction):
     Equ. 66, 19-50.
     """
 
-    Fr: float = parameter(0.05, "Pa", "pressure scale", gt=0)
-    r: float = parameter(2.0, "-", "exponent of the excess over a_min", ge=1)
-    s: float = parameter(5.0, "-", "exponent of the distance to a_max", gt=0)
-    width: float = _width()
-    strain_floor: float = _floor()
-
     def stress(
         self, alpha_s: Value, theta: Value, shear: Value, dilation: Value, solids: Solids
     ) -> Frictional:
         """Pressure [Pa] and viscosity [Pa s]."""
-        p_f = johnson_jackson_pressure(alpha_s, solids, self.Fr, self.r, self.s, self.width)
+        p_f = self.pressure(alpha_s, solids)
         return Frictional(p_f, coulomb_viscosity(p_f, shear, self.strain_floor, solids))
 
 
@@ -293,7 +291,7 @@ class Syamlal(Friction):
 
 @register("friction", "pu")
 @dataclass(frozen=True)
-class Pu(Friction):
+class Pu(JohnsonJacksonPressure):
     """Pu friction of pulverised coal: Johnson-Jackson pressure, scaled Syamlal viscosity.
 
         p_f  = Fr (a - a_min)^r/(a_max - a)^s
@@ -307,19 +305,14 @@ class Pu(Friction):
     MFIX Documentation: Theory Guide.
     """
 
-    Fr: float = parameter(0.05, "Pa", "pressure scale", gt=0)
-    r: float = parameter(2.0, "-", "exponent of the excess over a_min", ge=1)
-    s: float = parameter(5.0, "-", "exponent of the distance to a_max", gt=0)
     viscosity_factor: float = parameter(1.0, "-", "fitted factor K of the viscosity", gt=0)
     max_viscosity: float = parameter(100.0, "Pa s", "cap mu_max of the viscosity", gt=0)
-    width: float = _width()
-    strain_floor: float = _floor()
 
     def stress(
         self, alpha_s: Value, theta: Value, shear: Value, dilation: Value, solids: Solids
     ) -> Frictional:
         """Pressure [Pa] and viscosity [Pa s]."""
-        p_f = johnson_jackson_pressure(alpha_s, solids, self.Fr, self.r, self.s, self.width)
+        p_f = self.pressure(alpha_s, solids)
         floor = capped_floor(p_f, self.max_viscosity, self.strain_floor, solids)
         mu_f = coulomb_viscosity(p_f, shear, floor, solids)
         return Frictional(p_f, self.viscosity_factor * mu_f)
@@ -327,7 +320,7 @@ class Pu(Friction):
 
 @register("friction", "mu-i")
 @dataclass(frozen=True)
-class MuI(Friction):
+class MuI(JohnsonJacksonPressure):
     """mu(I) rheology of dense granular flow under the Johnson-Jackson pressure.
 
         p_f  = Fr (a - a_min)^r/(a_max - a)^s
@@ -343,17 +336,12 @@ class MuI(Friction):
     mu_s: float = parameter(0.38, "-", "friction of slow shear", gt=0)
     mu_2: float = parameter(0.64, "-", "friction of fast shear", gt=0)
     I_0: float = parameter(0.279, "-", "inertial number of the change", gt=0)
-    Fr: float = parameter(0.05, "Pa", "pressure scale", gt=0)
-    r: float = parameter(2.0, "-", "exponent of the excess over a_min", ge=1)
-    s: float = parameter(5.0, "-", "exponent of the distance to a_max", gt=0)
-    width: float = _width()
-    strain_floor: float = _floor()
 
     def stress(
         self, alpha_s: Value, theta: Value, shear: Value, dilation: Value, solids: Solids
     ) -> Frictional:
         """Pressure [Pa] and viscosity [Pa s]."""
-        p_f = johnson_jackson_pressure(alpha_s, solids, self.Fr, self.r, self.s, self.width)
+        p_f = self.pressure(alpha_s, solids)
         rate = sqrt(2 * shear + self.strain_floor)
         inertial = rate * solids.diameter * sqrt(solids.density)
         share = inertial / (self.I_0 * sqrt(p_f + _TINY_PRESSURE) + inertial)

@@ -21,7 +21,13 @@ from fem_tfm.output.files import on_root
 from fem_tfm.output.pictures import SectionView, section_picture, vertical_profile
 from fem_tfm.output.profiles import write_profiles
 from fem_tfm.output.result import Result
-from fem_tfm.scenes.physics import Physics, SectionPhysics, residence_control
+from fem_tfm.scenes.physics import (
+    SECTION_COLUMNS,
+    SECTION_FILES,
+    Physics,
+    SectionPhysics,
+    residence_control,
+)
 from fem_tfm.solvers import nested
 
 # coarsest mesh of the nested iteration, core cell over the hydraulic diameter
@@ -35,20 +41,7 @@ BALANCE_ERROR = 1e-6
 LARGEST_CHANGE = 0.5
 # first step of pseudo-time in units of the residence time D/U_g
 FIRST_STEP, GROWTH = 0.13, 1.8
-FILES = (
-    "result.json", "report.html", "monitor.csv", "run.log", "profiles.csv", "section.png",
-    "fields.xdmf", "fields.h5",
-)  # fmt: skip
-COLUMNS = {
-    "step": "",
-    "level": "",
-    "dt": "s",
-    "iterations": "",
-    "update": "",
-    "pressure_gradient": "Pa/m",
-    "max_alpha_s": "",
-    "max_theta": "m2/s2",
-}
+COLUMNS = {**SECTION_COLUMNS, "max_alpha_s": "", "max_theta": "m2/s2"}
 WARNED = ("update", "pressure_gradient", "max_alpha_s", "max_theta")
 
 PROFILE_UNITS = {
@@ -131,7 +124,7 @@ class Dense(SectionPhysics):
     scheme = SCHEME
     columns = COLUMNS
     warned = WARNED
-    files = FILES
+    files = SECTION_FILES
     first_step, coarsest = FIRST_STEP, COARSEST
     balance_error = BALANCE_ERROR
     solved_words = "developed section by the two-fluid model: steady, d/dz = 0"

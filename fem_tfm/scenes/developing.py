@@ -140,6 +140,24 @@ class March:
 # -- what the models add ---------------------------------------------------------------------------
 
 
+def march_control(scene: Any, largest: float, smallest: float, tolerance: float) -> MarchControl:
+    """Steps of a march along a scene's line.
+
+    largest : step where the scene gives none [m]
+    smallest : in hydraulic diameters
+    tolerance : largest update of a station
+    """
+    given, width = scene.numerics, scene.geometry.hydraulic_diameter
+    largest = given.axial_step or largest
+    return MarchControl(
+        first=min(FIRST_STEP * width, largest),
+        largest=largest,
+        smallest=smallest * width,
+        bend=given.axial_accuracy,
+        tolerance=tolerance,
+    )
+
+
 class DenseMarch(Dense):
     """A march of the two-fluid model."""
 
@@ -156,15 +174,9 @@ class DenseMarch(Dense):
 
     def control(self) -> MarchControl:
         """Steps in hydraulic diameters and shares of the length."""
-        given, width = self.scene.numerics, self.scene.geometry.hydraulic_diameter
-        largest = given.axial_step or self.largest_share * self.scene.geometry.length
-        return MarchControl(
-            first=min(FIRST_STEP * width, largest),
-            largest=largest,
-            smallest=self.smallest_step * width,
-            bend=given.axial_accuracy,
-            tolerance=min(given.tolerance, self.tolerance),
-        )
+        largest = self.largest_share * self.scene.geometry.length
+        tolerance = min(self.scene.numerics.tolerance, self.tolerance)
+        return march_control(self.scene, largest, self.smallest_step, tolerance)
 
     def line(self, recorder: LineRecorder) -> TwoFluidLine:
         """The line before its inlet."""
@@ -215,15 +227,9 @@ class DuctMarch(DuctGas):
 
     def control(self) -> MarchControl:
         """Steps in hydraulic diameters."""
-        given, width = self.scene.numerics, self.scene.geometry.hydraulic_diameter
-        largest = given.axial_step or self.largest_diameters * width
-        return MarchControl(
-            first=min(FIRST_STEP * width, largest),
-            largest=largest,
-            smallest=self.smallest_step * width,
-            bend=given.axial_accuracy,
-            tolerance=max(given.tolerance, self.tolerance),
-        )
+        largest = self.largest_diameters * self.scene.geometry.hydraulic_diameter
+        tolerance = max(self.scene.numerics.tolerance, self.tolerance)
+        return march_control(self.scene, largest, self.smallest_step, tolerance)
 
     def line(self, recorder: LineRecorder) -> ReynoldsStressLine:
         """The line before its inlet."""

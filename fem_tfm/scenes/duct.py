@@ -31,7 +31,12 @@ from fem_tfm.output.files import on_root
 from fem_tfm.output.pictures import SectionView
 from fem_tfm.output.profiles import write_profiles
 from fem_tfm.output.result import Reference, Result
-from fem_tfm.scenes.physics import SectionPhysics, residence_control
+from fem_tfm.scenes.physics import (
+    SECTION_COLUMNS,
+    SECTION_FILES,
+    SectionPhysics,
+    residence_control,
+)
 from fem_tfm.solvers import nested
 
 # of keys whose default depends on the model
@@ -44,20 +49,8 @@ STABILISATION, WALL_PENALTY, PRESSURE_SHIFT = 0.09, 200.0, 1e-6
 FIRST_STEP, GROWTH = 3.0, 3.0
 # a state that misses the flux by more is no answer; momentum, which is not conservative, by more
 FLUX_ERROR, MOMENTUM_ERROR = 1e-6, 0.05
-FILES = (
-    "result.json", "report.html", "monitor.csv", "run.log", "profiles.csv", "profiles.png",
-    "section.png", "fields.xdmf", "fields.h5",
-)  # fmt: skip
-COLUMNS = {
-    "step": "",
-    "level": "",
-    "dt": "s",
-    "iterations": "",
-    "update": "",
-    "pressure_gradient": "Pa/m",
-    "secondary_velocity_max": "",
-    "smallest_stress": "",
-}
+FILES = (*SECTION_FILES, "profiles.png")
+COLUMNS = {**SECTION_COLUMNS, "secondary_velocity_max": "", "smallest_stress": ""}
 WARNED = ("update", "pressure_gradient", "secondary_velocity_max", "smallest_stress")
 # measured on the demo: unknowns of Q2/Q1 quadrilaterals, memory and CPU time of a cold run
 UNKNOWNS_PER_CELL, EDDY_UNKNOWNS_PER_CELL = 60, 22

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -19,6 +20,19 @@ from fem_tfm.solvers.pseudo_time import PseudoTimeControl
 
 # pseudo-time in units of the residence time D/U
 SMALLEST_STEP, LARGEST_STEP = 1e-5, 1e7
+# what every section leaves, and columns of its monitor.csv
+SECTION_FILES = (
+    "result.json", "report.html", "monitor.csv", "run.log", "profiles.csv", "section.png",
+    "fields.xdmf", "fields.h5",
+)  # fmt: skip
+SECTION_COLUMNS = {
+    "step": "",
+    "level": "",
+    "dt": "s",
+    "iterations": "",
+    "update": "",
+    "pressure_gradient": "Pa/m",
+}
 
 
 def residence_control(
@@ -54,7 +68,7 @@ class Physics:
         self.resolution: Resolution = scene.resolution
 
 
-class SectionPhysics(Physics):
+class SectionPhysics(Physics, ABC):
     """What a model tells of the sections that it solves.
 
     headline : the quantity that the last line of a log tells
@@ -75,9 +89,9 @@ class SectionPhysics(Physics):
     coarsest: ClassVar[float]
     solved_words: ClassVar[str]
 
+    @abstractmethod
     def setup(self) -> Any:
         """Numbers of the section."""
-        raise NotImplementedError
 
     def meshes(self, comm: MPI.Comm = MPI.COMM_WORLD) -> list[Callable[[], Mesh]]:
         """Makers of the meshes of the nested iteration, coarse to fine."""
@@ -86,13 +100,13 @@ class SectionPhysics(Physics):
             for one in self.resolution.nested(self.section, self.coarsest)
         ]
 
+    @abstractmethod
     def signs(self, section: Any) -> dict[str, float]:
         """The early warning of a run, with the pressure gradient [Pa/m]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def told(self, solution: Solution) -> dict[str, Any]:
         """What an answer is made of; raises SolverError for a state that is none."""
-        raise NotImplementedError
 
     def references(self) -> dict[str, list[Reference]]:
         """Published values that belong to the model."""
@@ -103,34 +117,34 @@ class SectionPhysics(Physics):
         found: dict[str, Any] = section.fields()
         return found
 
+    @abstractmethod
     def write(self, section: Any, result: Result, out: Path | None, told: Any) -> None:
         """Profiles and pictures of a section."""
-        raise NotImplementedError
 
+    @abstractmethod
     def skipped(self) -> list[str]:
         """Parts of the section and laws that the scene does without."""
-        raise NotImplementedError
 
     def skipped_of_axis(self) -> list[str]:
         """What is left out along the axis."""
         return []
 
+    @abstractmethod
     def advice(self) -> list[str]:
         """What a user probably did not mean, one sentence each."""
-        raise NotImplementedError
 
+    @abstractmethod
     def given(self) -> str:
         """What is given and what is found, in words."""
-        raise NotImplementedError
 
+    @abstractmethod
     def entering(self) -> str:
         """What enters a line, in words."""
-        raise NotImplementedError
 
+    @abstractmethod
     def size(self) -> tuple[int, int]:
         """Cells of the finest mesh, and about how many unknowns."""
-        raise NotImplementedError
 
+    @abstractmethod
     def cost(self, unknowns: int) -> dict[str, float]:
         """About the memory [MB] and the CPU time [s] of solving and of compiling the forms."""
-        raise NotImplementedError

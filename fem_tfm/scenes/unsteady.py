@@ -36,7 +36,7 @@ from fem_tfm.parameters import parameter
 from fem_tfm.scenes import dense
 from fem_tfm.scenes.developed import describe
 from fem_tfm.scenes.kinds import Kind, register
-from fem_tfm.scenes.physics import Physics
+from fem_tfm.scenes.physics import SECTION_FILES, Physics
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.samples import MEANS, Plane, Probes, Sections, Table, columns
 from fem_tfm.scenes.scene import Answer, Scene
@@ -55,7 +55,7 @@ MOST_ITERATIONS = {
 UNKNOWNS, GAS_UNKNOWNS = 9, 4
 # measured at 6,000 and 9,600 cells: memory [MB] and CPU time of a cell and step [s]
 BASE_MEMORY, CELL_MEMORY, CELL_TIME, SCALE_TIME = 220, 0.014, 8e-6, 0.6e-6
-FILES = (*dense.FILES, "probes.csv", "sections.csv", "plane.png")
+FILES = (*SECTION_FILES, "probes.csv", "sections.csv", "plane.png")
 
 
 class DenseCells(Physics):

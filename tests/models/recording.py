@@ -18,7 +18,7 @@ from fem_tfm import Case
 from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow, scheme
 from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.mesh import Array
-from fem_tfm.models.finite_volume.specification import forms
+from fem_tfm.models.finite_volume.specification.data import inflow_fields
 from fem_tfm.models.finite_volume.specification.facets import FacetForms
 from fem_tfm.models.finite_volume.state import Sources
 from fem_tfm.models.pointwise import Pointwise
@@ -154,7 +154,7 @@ class RecordedStep:
                 recorder.watch(patch, flow.ideal_gas, "balance", "ideal gas")
             flow.advance(DT, feed)
         self.point = flow.problem.pointwise()
-        self.given, self.inflow = feed, forms.inflow_fields(self.on, feed, flow.line)
+        self.given, self.inflow = feed, inflow_fields(self.on, feed, flow.line)
 
     def part(self, name: str) -> tuple[SimpleNamespace, Any]:
         """Arguments and result of the last call of a part; its argument `step` is what it knows."""

@@ -19,8 +19,68 @@ from fem_tfm.fenics import compile_form
 from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.ideal_gas import STILL
-from fem_tfm.models.finite_volume.specification import forms
+from fem_tfm.models.finite_volume.specification.body_force import (
+    cell_force,
+    cell_response,
+    face_force,
+    face_inertia,
+    face_response,
+)
+from fem_tfm.models.finite_volume.specification.coefficients import (
+    drag_coefficients,
+    gas_viscosity,
+    gas_wall,
+    solids_coefficients,
+    solids_pressure,
+    solids_wall,
+)
+from fem_tfm.models.finite_volume.specification.data import (
+    density_fields,
+    gas_fields,
+    level_fields,
+    phase_fields,
+    present,
+    turbulence_fields,
+)
 from fem_tfm.models.finite_volume.specification.facets import PARTS, Face
+from fem_tfm.models.finite_volume.specification.fraction import (
+    acceleration_share,
+    dispersion_response,
+    predicted_flux,
+    solids_flux,
+    solids_fraction,
+)
+from fem_tfm.models.finite_volume.specification.momentum import (
+    dispersion_force,
+    drag,
+    implicit_correction,
+    momentum,
+    momentum_source,
+    viscous_force,
+)
+from fem_tfm.models.finite_volume.specification.pressure import (
+    follow,
+    ideal_gas_terms,
+    phase_fluxes,
+    pressure,
+    pressure_source,
+    responses,
+    total_of,
+    upwind_density,
+)
+from fem_tfm.models.finite_volume.specification.temperature import (
+    energy_dilation,
+    temperature_sources,
+    wall_heat,
+)
+from fem_tfm.models.finite_volume.specification.transport import transport, transport_source
+from fem_tfm.models.finite_volume.specification.turbulence import (
+    dispersed_solids,
+    mirrored,
+    turbulence_step,
+    wall_eddies,
+    wall_tractions,
+)
 from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Density, State
 from fem_tfm.models.pointwise import Invariants
 
@@ -121,19 +181,19 @@ def acceleration_shares(recorded: RecordedStep, given: SimpleNamespace, spread: 
     push = on.face(levels.flux_weight * given.response) * on.weight
     sound = on.assembled(on.both(push, w)) / rate * slope * alpha * (1 + odds) ** 2 / limit
     sound, wide = on.cell(sound), on.cell(on.assembled(on.both(spread, w)) / rate)
-    return forms.acceleration_share(sound, wide, on.face(levels.acceleration_share))
+    return acceleration_share(sound, wide, on.face(levels.acceleration_share))
 
 
 def test_residual_of_the_solids_fraction_is_that_of_the_form(recorded: RecordedStep) -> None:
     on, w = recorded.on, ufl.TestFunction(recorded.on.scalars)
     given, found = recorded.part("fraction")
     step, (found, _) = given.step, found
-    levels = forms.level_fields(on, step.levels)
-    turbulence = forms.turbulence_fields(on, step.turbulence)
+    levels = level_fields(on, step.levels)
+    turbulence = turbulence_fields(on, step.turbulence)
     alpha, span = levels.now.alpha, levels.span_faces
-    spread = forms.dispersion_response(on, recorded.point, alpha, turbulence, span)
+    spread = dispersion_response(on, recorded.point, alpha, turbulence, span)
     share = acceleration_shares(recorded, given, spread)
-    flux = forms.predicted_flux(on, levels, share, spread)
+    flux = predicted_flux(on, levels, share, spread)
     pressures = recorded.recorder.calls["fraction: solids_pressure"]
     beyond = recorded.recorder.calls.get("fraction: limit_flux", [])
     systems = recorded.recorder.systems["fraction"]
@@ -142,10 +202,10 @@ def test_residual_of_the_solids_fraction_is_that_of_the_form(recorded: RecordedS
     assert len(systems) > 1
     for i, (_, rhs, _) in enumerate(systems):
         alpha = on.cell(pressures[2 * i][0]["alpha"])
-        p_s = forms.solids_pressure(recorded.point, alpha, theta, deformation, lift)
+        p_s = solids_pressure(recorded.point, alpha, theta, deformation, lift)
         more = beyond[min(i, len(beyond) - 1)][1] if beyond else np.zeros(recorded.cells.face_count)
-        through = forms.solids_flux(on, flux, alpha, p_s, on.face(given.response), spread)
-        form = forms.solids_fraction(
+        through = solids_flux(on, flux, alpha, p_s, on.face(given.response), spread)
+        form = solids_fraction(
             on, w, alpha, through, on.constant(step.dt), levels, recorded.inflow, on.density(more)
         )
         assert_close(on.assembled(form), -rhs, recorded.cells.volume.max() / step.dt)
@@ -163,27 +223,25 @@ def test_equation_of_the_granular_temperature_is_that_of_the_form(recorded: Reco
     x, w = ufl.TrialFunction(on.scalars), ufl.TestFunction(on.scalars)
     given, _ = recorded.part("temperature")
     step = given.step
-    levels, beta = forms.level_fields(on, step.levels), on.cell(step.drag)
+    levels, beta = level_fields(on, step.levels), on.cell(step.drag)
     moved, old, start = on.fields(step.solids), on.fields(step.state), levels.start
     deformation = on.fields(step.deformation)
-    dilation = forms.energy_dilation(moved, deformation, levels)
+    dilation = energy_dilation(moved, deformation, levels)
     deformation = SimpleNamespace(shear=deformation.shear, dilation=dilation)
-    laws = forms.solids_coefficients(point, moved.alpha, old.theta, deformation)
+    laws = solids_coefficients(point, moved.alpha, old.theta, deformation)
     energy = point.granular_energy(laws, old.theta, deformation.shear, dilation, beta)
     more, density = recorded.inflow.sources.energy, on.constant(point.solids.density)
-    sink, gain = forms.temperature_sources(
+    sink, gain = temperature_sources(
         energy, density, start.alpha, old.theta, start.theta, levels.span, more
     )
-    heat = forms.solids_wall(on, point, moved.alpha, old.theta, laws, old.u_s)[1]
-    falls, comes = forms.wall_heat(on, old.theta, heat, x, w)
+    heat = solids_wall(on, point, moved.alpha, old.theta, laws, old.u_s)[1]
+    falls, comes = wall_heat(on, old.theta, heat, x, w)
     flux = 1.5 * density * moved.flux
-    form = (
-        forms.transport(on, x, w, flux, laws.kinetic.conductivity, sink, on.constant(1.0)) + falls
-    )
+    form = transport(on, x, w, flux, laws.kinetic.conductivity, sink, on.constant(1.0)) + falls
     entering = (
         on.constant(recorded.flow.problem.solids_intensity) * recorded.inflow.solids_velocity
     ) ** 2
-    side = on.assembled(forms.transport_source(on, w, flux, gain, entering) + comes)
+    side = on.assembled(transport_source(on, w, flux, gain, entering) + comes)
     assert_systems(recorded, "temperature", form, side)
 
 
@@ -210,9 +268,9 @@ def test_equations_of_the_turbulence_are_those_of_the_forms(shape: str, kind: st
     x, w = ufl.TrialFunction(on.scalars), ufl.TestFunction(on.scalars)
     given, found = recorded.part("turbulence")
     step, (found, _) = given.step, found
-    levels = forms.level_fields(on, step.levels)
+    levels = level_fields(on, step.levels)
     start, at, moved = levels.start, on.fields(step.state), on.fields(step.solids)
-    coefficients = forms.turbulence_fields(on, step.turbulence)
+    coefficients = turbulence_fields(on, step.turbulence)
     assert list(found)
     for i, name in enumerate(found):
         solids = name.endswith("_s")
@@ -223,26 +281,26 @@ def test_equations_of_the_turbulence_are_those_of_the_forms(shape: str, kind: st
             relative = coefficients.relative_density
             if step.gas is not None:
                 density = step.gas.density.relative_to(flow.gas.density)
-        density = forms.density_fields(on, density)
+        density = density_fields(on, density)
         held = recorded.recorder.calls["turbulence: solve"][i][0]["prescribed"]
         free, value = np.ones(recorded.cells.count), np.ones(recorded.cells.count)
         if held is not None:
             free[held[0]], value[held[0]] = 0.0, held[1]
         free, value = on.cell(free), on.cell(value)
-        sink, gain = forms.turbulence_step(
+        sink, gain = turbulence_step(
             coefficients.rate[name],
             coefficients.stiffness[name],
             levels.span,
             start.scales[name],
             levels.predicted.scales[name] if step.levels.previous else None,
         )
-        inertia = density.start * forms.present(before)
-        spread = forms.present(after) * relative * coefficients.diffusivity[name]
+        inertia = density.start * present(before)
+        spread = present(after) * relative * coefficients.diffusivity[name]
         flux, sink, gain = density.upwind * flux, inertia * sink, inertia * gain
-        form = forms.transport(on, x, w, flux, spread, sink, free)
+        form = transport(on, x, w, flux, spread, sink, free)
         enters = on.constant(entering(flow, name, recorded.given))
-        side = forms.transport_source(on, free * w, flux, gain, enters)
-        side += forms.transport(on, (1 - free) * value, w, flux, spread, sink, on.constant(0.0))
+        side = transport_source(on, free * w, flux, gain, enters)
+        side += transport(on, (1 - free) * value, w, flux, spread, sink, on.constant(0.0))
         assert_systems(recorded, "turbulence", form, on.assembled(side), i, free)
 
 
@@ -259,9 +317,7 @@ def entering(flow: UnsteadyFlow, name: str, feed: Inflow) -> float:
 
 
 def phases_of(recorded: RecordedStep) -> list[SimpleNamespace]:
-    return [
-        forms.phase_fields(recorded.on, phase) for phase in recorded.part("momentum: phases")[1]
-    ]
+    return [phase_fields(recorded.on, phase) for phase in recorded.part("momentum: phases")[1]]
 
 
 def assert_open_faces(recorded: RecordedStep, found: Array, wanted: Array) -> None:
@@ -274,23 +330,23 @@ def test_forces_on_faces_and_in_cells_are_those_of_the_forms(recorded: RecordedS
     on, v = recorded.on, ufl.TestFunction(recorded.on.vectors)
     given, (gaps, accelerated) = recorded.part("momentum: forces")
     step = given.step
-    levels, p = forms.level_fields(on, step.levels), on.cell(step.state.p)
+    levels, p = level_fields(on, step.levels), on.cell(step.state.p)
     beta = on.cell(step.drag)
     gravity = on.constant(recorded.flow.problem.gravity)
     ideal = recorded.flow.ideal_gas
     lifted = on.constant(ideal.hydrostatic_density if ideal else recorded.flow.gas.density)
     opened = recorded.line.open > 0
     for phase, gap, a in zip(phases_of(recorded), gaps, accelerated, strict=True):
-        force = forms.face_force(on, phase, p, gravity, lifted, recorded.inflow)
-        inertia = forms.face_inertia(on, phase, beta, levels.span_faces)
-        wanted = on.assembled(forms.face_response(on, v, force, inertia, phase))
+        force = face_force(on, phase, p, gravity, lifted, recorded.inflow)
+        inertia = face_inertia(on, phase, beta, levels.span_faces)
+        wanted = on.assembled(face_response(on, v, force, inertia, phase))
         found = on.cell(a)
-        form = forms.cell_response(on, found, v, phase, beta, levels.span)
+        form = cell_response(on, found, v, phase, beta, levels.span)
         assert_close(on.assembled(form), wanted)
         if phase.name == "gas":
-            mass = phase.density.cells * forms.present(phase.fraction)
+            mass = phase.density.cells * present(phase.fraction)
             found = found / (1 / levels.span + beta / mass)
-        cell = forms.cell_force(on, phase, found, inertia)
+        cell = cell_force(on, phase, found, inertia)
         # the gap is a small difference of both
         largest = np.abs(on.values(force)).max()
         assert_close(on.values(force - cell)[opened], gap[opened], largest)
@@ -300,17 +356,17 @@ def test_momentum_of_both_phases_is_that_of_the_forms(recorded: RecordedStep) ->
     on, cells, w = recorded.on, recorded.cells, ufl.TestFunction(recorded.on.vectors)
     given, _ = recorded.part("momentum: solve")
     step, phases = given.step, phases_of(recorded)
-    levels, beta = forms.level_fields(on, step.levels), on.cell(step.drag)
+    levels, beta = level_fields(on, step.levels), on.cell(step.drag)
     dragged, sources = on.cell(step.explicit_drag), recorded.inflow.sources
     arrays = np.random.default_rng(2).standard_normal((2, cells.count, 3))
     actions, sides = np.empty_like(arrays), np.empty_like(arrays)
     for k, phase in enumerate(phases):
         u, other = on.cell(arrays[k]), on.cell(arrays[1 - k])
-        form = forms.momentum(on, u, w, phase, levels.span, recorded.inflow)
-        actions[k] = on.assembled(form + forms.drag(on, u, other, w, beta))
+        form = momentum(on, u, w, phase, levels.span, recorded.inflow)
+        actions[k] = on.assembled(form + drag(on, u, other, w, beta))
         force = sources.force_s - dragged if phase.name == "solids" else sources.force_g + dragged
         a = on.cell(given.accelerations[k])
-        form = forms.momentum_source(on, w, phase, a, force, levels.span, recorded.inflow)
+        form = momentum_source(on, w, phase, a, force, levels.span, recorded.inflow)
         sides[k] = on.assembled(form)
     known = [(phase.velocity_now, phase.gradient) for phase in given.phases]
     for solve in solves_of(recorded):
@@ -343,8 +399,8 @@ def lagging(
     """Force on the cells that the matrix does not hold, of a known velocity."""
     on, line, w = recorded.on, recorded.line, ufl.TestFunction(recorded.on.vectors)
     phase = given.phases[k]
-    fields = forms.phase_fields(on, phase)
-    found = on.assembled(forms.viscous_force(on, w, fields, on.cell(u), on.cell(gradient)))
+    fields = phase_fields(on, phase)
+    found = on.assembled(viscous_force(on, w, fields, on.cell(u), on.cell(gradient)))
     flux = given.step.levels.second_order_faces * phase.density.upwind * phase.flux
     beyond = recorded.correction(flux, u, line.velocity_scale, gradient)
     found -= on.assembled(on.out(on.density(beyond), w))
@@ -359,30 +415,30 @@ def test_projection_is_that_of_the_forms(recorded: RecordedStep) -> None:
     w, v = ufl.TestFunction(on.scalars), ufl.TestFunction(on.vectors)
     given, found = recorded.part("pressure")
     step, (found, _) = given.step, found
-    levels, beta = forms.level_fields(on, step.levels), on.cell(step.drag)
+    levels, beta = level_fields(on, step.levels), on.cell(step.drag)
     alpha, span = on.cell(step.state.alpha), levels.span_faces
     phases = phases_of(recorded)
-    gas = forms.gas_fields(on, step.gas, recorded.given.sources)
+    gas = gas_fields(on, step.gas, recorded.given.sources)
     solids, density = phases[0].density.faces, phases[1].density.faces
-    response = forms.responses(on, alpha, beta, span, solids, density)
+    response = responses(on, alpha, beta, span, solids, density)
     gaps = [on.face(gap) for gap in given.face_forces]
     guess = [on.cell(u) for u in given.velocities]
-    fluxes = forms.phase_fluxes(on, phases, guess, gaps, response, recorded.inflow)
-    follow = forms.follow(on, phases, response, recorded.inflow)
-    stiffness = forms.total_of(phases, follow)
+    fluxes = phase_fluxes(on, phases, guess, gaps, response, recorded.inflow)
+    followed = follow(on, phases, response, recorded.inflow)
+    stiffness = total_of(phases, followed)
     matrix, rhs, change = recorded.recorder.systems["pressure"][-1]
-    assert_same_matrix(forms.pressure(on, x, w, stiffness, gas), matrix)
-    total = forms.total_of(phases, fluxes)
-    form = forms.pressure_source(on, w, total, phases, recorded.inflow, gas)
+    assert_same_matrix(pressure(on, x, w, stiffness, gas), matrix)
+    total = total_of(phases, fluxes)
+    form = pressure_source(on, w, total, phases, recorded.inflow, gas)
     assert_close(on.assembled(form), rhs)
     # what the change of the pressure does to fluxes and velocities
     rise = on.rise(on.cell(change), 0)
-    flux = on.values(fluxes[0] - follow[0] * rise) * recorded.cells.face_area
+    flux = on.values(fluxes[0] - followed[0] * rise) * recorded.cells.face_area
     assert_open_faces(recorded, flux, found.solids_flux)
     inner = slice(0, recorded.cells.inner_count)
     flux = on.values(total - stiffness * rise) * recorded.cells.face_area
     assert_close(flux[inner], found.total_flux[inner])
-    for u, u_star, part in zip((found.u_s, found.u_g), guess, follow, strict=True):
+    for u, u_star, part in zip((found.u_s, found.u_g), guess, followed, strict=True):
         wanted = on.assembled(on.least_squares_of(-part * rise, v, "outlet"))
         assert_close(on.assembled(on.least_squares(on.cell(u) - u_star, v)), wanted)
     p_s = given.phases[0].pressure
@@ -402,13 +458,13 @@ def test_mass_of_an_ideal_gas_is_that_of_the_forms(shape: str, kind: str) -> Non
     dt, gas = on.constant(step.dt), recorded.flow.ideal_gas
     now, alpha = on.cell(relative.now), on.cell(step.solids.alpha)
     before = on.cell(step.levels.now.alpha)
-    terms = forms.ideal_gas_terms(alpha, before, now, dt, on.constant(gas.reference))
+    terms = ideal_gas_terms(alpha, before, now, dt, on.constant(gas.reference))
     assert_close(on.assembled(terms[0] * w * on.dx), found.compressibility)
     assert_close(on.assembled(terms[1] * w * on.dx), found.mass_growth)
     outlet = on.face(on.on_part("outlet", gas.outlet_relative_density)).edge
     flux = step.levels.predicted.total_flux - step.solids.step_flux
     still = on.constant(STILL * recorded.line.velocity_scale)
-    upwind = forms.upwind_density(on, on.cell(relative.end), on.density(flux), still, outlet)
+    upwind = upwind_density(on, on.cell(relative.end), on.density(flux), still, outlet)
     scale, toward = cells.to_faces(relative.end)[recorded.line.inner], np.sign(flux)
     beyond = toward * recorded.correction(toward, relative.end, scale)
     found_density = on.values((upwind + on.face(beyond)) * gas.density)
@@ -423,12 +479,12 @@ def test_coefficients_of_the_solids_are_those_of_the_laws_in_ufl(recorded: Recor
     given, (solids, _) = recorded.part("momentum: phases")
     step = given.step
     at, deformation = on.fields(step.state), on.fields(step.deformation)
-    laws = forms.solids_coefficients(point, at.alpha, at.theta, deformation)
+    laws = solids_coefficients(point, at.alpha, at.theta, deformation)
     nu_s = 0.0 if step.turbulence is None else step.turbulence.nu_s
     eddies = np.maximum(step.state.alpha, 0) * point.solids.density * nu_s
     assert_close(on.cell_values(laws.viscosity) + eddies, solids.viscosity)
     assert_close(on.cell_values(laws.kinetic.bulk_viscosity), solids.bulk_viscosity)
-    friction = forms.solids_wall(on, point, at.alpha, at.theta, laws, at.u_s)[0]
+    friction = solids_wall(on, point, at.alpha, at.theta, laws, at.u_s)[0]
     wall = recorded.line.wall
     found = on.values(Face(0, friction), "wall") * cells.face_area
     assert_close(found[wall], solids.wall_friction)
@@ -438,7 +494,7 @@ def test_drag_is_that_of_the_law_in_ufl(recorded: RecordedStep) -> None:
     on, point = recorded.on, recorded.local_point
     given, _ = recorded.part("momentum: solve")
     at, (height, _) = on.fields(given.step.state), recorded.profile
-    beta, growth = forms.drag_coefficients(point, at.alpha, at.u_g - at.u_s, height)
+    beta, growth = drag_coefficients(point, at.alpha, at.u_g - at.u_s, height)
     assert_close(on.cell_values(beta + growth), given.step.drag)
     slip = at.u_g - at.u_s
     for i in range(3):
@@ -451,7 +507,7 @@ def test_friction_of_the_gas_is_that_of_the_laws_in_ufl(recorded: RecordedStep) 
     at = on.fields(given.step.state)
     height = on.face(on.on_part("wall", line.wall_height)).edge
     k = at.scales.get("k")
-    friction = forms.gas_wall(on, recorded.local_point, 1 - at.alpha, at.u_g, height, k)
+    friction = gas_wall(on, recorded.local_point, 1 - at.alpha, at.u_g, height, k)
     found = on.values(Face(0, friction), "wall") * recorded.cells.face_area
     assert_close(found[line.wall], gas.wall_friction)
 
@@ -464,9 +520,7 @@ def test_viscosity_of_a_mixing_length_is_that_of_the_law_in_ufl(shape: str, kind
     levels, found = given.step.levels, []
     for at in (levels.now, levels.previous or levels.now):
         gradient = on.cell(cells.gradient(at.u_g))
-        found.append(
-            on.cell_values(forms.gas_viscosity(recorded.point, gradient, recorded.profile))
-        )
+        found.append(on.cell_values(gas_viscosity(recorded.point, gradient, recorded.profile)))
     viscosity = levels.extrapolate(*found) if levels.previous else found[0]
     assert_close((1 - given.step.state.alpha) * viscosity, gas.viscosity)
 
@@ -475,7 +529,7 @@ def test_corrections_of_the_momentum_are_those_of_the_forms(recorded: RecordedSt
     on, point, cells = recorded.on, recorded.point, recorded.cells
     given, phases = recorded.part("momentum: phases")
     step = given.step
-    levels, volume = forms.level_fields(on, step.levels), on.cell(cells.volume)
+    levels, volume = level_fields(on, step.levels), on.cell(cells.volume)
     void, inner = 1 - step.state.alpha, slice(0, cells.inner_count)
     viscosity = phases[1].viscosity - void * point.gas.viscosity
     lagging = phases[0].bulk_viscosity, np.maximum(viscosity, 0.0)
@@ -487,11 +541,11 @@ def test_corrections_of_the_momentum_are_those_of_the_forms(recorded: RecordedSt
         if phase.implicit_correction is not None:
             span = levels.span_faces
             args = on.cell(viscosity), on.cell(mass), volume, span
-            found = on.values(forms.implicit_correction(on, *args)) * cells.face_area
+            found = on.values(implicit_correction(on, *args)) * cells.face_area
             assert_close(found[inner], phase.implicit_correction[inner])
     if phases[1].dispersion_force is not None:
         alpha = on.cell(step.state.alpha)
-        force = forms.dispersion_force(on, on.cell(step.turbulence.dispersion), alpha)
+        force = dispersion_force(on, on.cell(step.turbulence.dispersion), alpha)
         found = on.values(force)
         assert_close(found, phases[1].dispersion_force)
         assert_close(-found, phases[0].dispersion_force)
@@ -516,7 +570,7 @@ def test_turbulence_of_a_state_is_that_of_the_laws_in_ufl(shape: str, kind: str)
         of_solids = point.eddies(Invariants(gradient), distance, 1.0, *scales)
     crowding = on.cell(cells.gradient(given.levels.predicted.alpha))
     size = on.cell(cells.volume ** (1 / 3))
-    grains = forms.dispersed_solids(point, at, crowding, size, height, of_solids)
+    grains = dispersed_solids(point, at, crowding, size, height, of_solids)
     law = point.closures.dispersed
     nu_s = law.viscosity(gas, grains)
     wanted = {"mu_t": found.mu_t, "nu_s": found.nu_s}
@@ -546,7 +600,7 @@ def test_turbulence_of_a_state_is_that_of_the_laws_in_ufl(shape: str, kind: str)
 def mirrored_gradient(recorded: RecordedStep, gradient: Array) -> Any:
     """Gradient of a velocity beside planes of symmetry, in UFL."""
     on = recorded.on
-    lost = on.assembled(forms.mirrored(on, on.cell(gradient), ufl.TestFunction(on.tensors)))
+    lost = on.assembled(mirrored(on, on.cell(gradient), ufl.TestFunction(on.tensors)))
     return on.cell(gradient - lost.reshape(-1, 3, 3))
 
 
@@ -557,14 +611,14 @@ def wall_eddies_of(recorded: RecordedStep, at: SimpleNamespace, predicted: State
     scales = at.scales["k"], at.scales["eps"]
     eddies = point.eddies(Invariants(gradient), *recorded.profile, *scales)
     height = on.face(on.on_part("wall", line.wall_height)).edge
-    friction = forms.gas_wall(on, point, 1.0, at.u_g, height, at.scales["k"])
+    friction = gas_wall(on, point, 1.0, at.u_g, height, at.scales["k"])
     w = ufl.TestFunction(on.scalars)
-    squares = on.assembled(forms.wall_tractions(on, friction, at.u_g, point, w))
+    squares = on.assembled(wall_tractions(on, friction, at.u_g, point, w))
     traction = on.cell(np.sqrt(squares))
     strain = on.cell(on.cell_values(eddies.strain))
     spin, slope = (on.cell(on.cell_values(value)) for value in (eddies.spin, eddies.A_s))
     eddies = replace(eddies, strain=strain, spin=spin, A_s=slope)
-    inner = forms.wall_eddies(point, eddies, traction)
+    inner = wall_eddies(point, eddies, traction)
     strain = ufl.conditional(ufl.gt(traction, 0), inner.strain, strain)
     strain = on.cell(on.cell_values(strain))
     return replace(eddies, strain=strain, spin=spin * strain / eddies.strain)

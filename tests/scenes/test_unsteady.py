@@ -140,7 +140,7 @@ def test_what_fills_a_bend_follows_its_axis(dense: dict[str, Any]) -> None:
 @pytest.mark.mpi
 def test_a_run_leaves_its_time_series(dense: dict[str, Any], tmp_path: Path) -> None:
     case = case_of(dense)
-    result = case.run(tmp_path / "run")
+    result = case.scene.run(tmp_path / "run")
     assert (result.status, result.solution) == ("finished", "unsteady")
     assert max(result.balances.values()) < 1e-12
     assert result["pressure_drop"] > 0
@@ -206,16 +206,16 @@ def test_an_interrupted_run_goes_on_bit_for_bit(
     with monkeypatch.context() as patch:
         # the state is written there too, which starts the multigrid anew
         save = patch_saves(patch, step=13)
-        case.run(whole)
+        case.scene.run(whole)
         assert save
     with monkeypatch.context() as patch:
         Interrupt(patch, 13, number)
         with pytest.raises(KeyboardInterrupt):
-            case.run(halves)
+            case.scene.run(halves)
     comm.barrier()
     assert Result.read(halves).status == "interrupted"
     assert checkpoint.numbers(halves)["stepping.count"] == 13
-    case.run(halves, resume=True)
+    case.scene.run(halves, resume=True)
     comm.barrier()
     for name in ("monitor.csv", "probes.csv", "sections.csv", "fields.xdmf", "plane.png"):
         assert (whole / name).read_bytes() == (halves / name).read_bytes(), name
@@ -250,7 +250,7 @@ def test_a_state_goes_on_with_another_number_of_ranks(
 ) -> None:
     """Five more steps of one rank and of all agree to what the linear solvers leave."""
     case = case_of(dense, {"numerics.order": order, **changes})
-    case.run(tmp_path)
+    case.scene.run(tmp_path)
     MPI.COMM_WORLD.barrier()
     found = []
     for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
@@ -274,7 +274,7 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint(
     """What was written behind the checkpoint is written again, once."""
     case = case_of(dense, {"output.checkpoint_interval": 2e-3})
     whole, killed = tmp_path / "whole", tmp_path / "killed"
-    case.run(whole)
+    case.scene.run(whole)
 
     def fail(section: Stepped, dt: float, time: float) -> float:
         if time > 3.2e-3:
@@ -285,10 +285,10 @@ def test_a_killed_run_goes_on_from_its_last_checkpoint(
         advance = Stepped.advance
         patch.setattr(Stepped, "advance", fail)
         with pytest.raises(MemoryError):
-            case.run(killed)
+            case.scene.run(killed)
     assert checkpoint.numbers(killed)["time"] == 2e-3
     assert float(rows(killed / "monitor.csv")[-1]["time"]) >= 3e-3
-    case.run(killed, resume=True)
+    case.scene.run(killed, resume=True)
     for name in ("monitor.csv", "probes.csv", "sections.csv", "fields.xdmf"):
         assert (whole / name).read_bytes() == (killed / name).read_bytes(), name
 
@@ -307,7 +307,7 @@ def test_a_step_that_never_succeeds_ends_the_run(
 
     monkeypatch.setattr(UnsteadyFlow, "advance", failing)
     with pytest.raises(SolverError, match=r"no step above 1e-09 s succeeds at 0\.001[5-9]"):
-        case.run(tmp_path)
+        case.scene.run(tmp_path)
     result = Result.read(tmp_path)
     assert result.status == "failed"
     assert "leaves its bounds" in result.reason
@@ -320,7 +320,7 @@ def test_gas_alone_is_driven_too(dense: dict[str, Any]) -> None:
     del dense["solids"]
     operation = {"gas_superficial_velocity": 6.43, "gas_schedule": [[0, 0], [1e-3, 1]]}
     case = Case.from_dict(dense | BASE | {"operation": operation})
-    result = case.run()
+    result = case.scene.run()
     assert result.status == "finished"
     density, area = case["gas.density"], case.scene.geometry.area
     assert result["gas_mass_flow"] == pytest.approx(density * 6.43 * area, rel=1e-6)
@@ -328,7 +328,7 @@ def test_gas_alone_is_driven_too(dense: dict[str, Any]) -> None:
 
 def test_turbulence_is_told_and_kept(dense: dict[str, Any], tmp_path: Path) -> None:
     changes = {"output.pictures": False, "numerics.end_time": 2e-3}
-    case_of(dense, {**FOUR_EQUATIONS, **changes}).run(tmp_path)
+    case_of(dense, {**FOUR_EQUATIONS, **changes}).scene.run(tmp_path)
     assert all(float(row["max_k"]) > 0 for row in rows(tmp_path / "monitor.csv"))
     series = (tmp_path / "fields.xdmf").read_text(encoding="utf-8")
     for name in ("k", "eps", "k_s", "eps_s"):

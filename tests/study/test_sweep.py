@@ -177,7 +177,7 @@ def test_bends_are_swept_too(root: Path, tmp_path: Path) -> None:
     slow, fast = (p.quantities["pressure_drop"] for p in found.points)
     assert 0 < slow < fast
     # what is kept is the run of the bend itself
-    alone = case.with_values(found.points[1].values).run()
+    alone = case.with_values(found.points[1].values).scene.run()
     assert fast == pytest.approx(alone["pressure_drop"], rel=1e-12)
     stored = json.loads((tmp_path / sweep.POINTS / "1" / "result.json").read_text())
     assert stored["solution"] == "unsteady"

@@ -275,7 +275,7 @@ def test_an_interrupted_run_keeps_its_last_station(
 ) -> None:
     """Cut short within a step: the stations so far are written, and resuming ends the line."""
     case = line(geometry__length=1e-3, output__stations=4, output__pictures=False)
-    whole = case.run(tmp_path / "whole")
+    whole = case.scene.run(tmp_path / "whole")
     check, calls = TwoFluidLine.back_flow, []
 
     def interrupted(self: TwoFluidLine) -> str:
@@ -286,10 +286,10 @@ def test_an_interrupted_run_keeps_its_last_station(
 
     monkeypatch.setattr(TwoFluidLine, "back_flow", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        case.run(tmp_path / "cut")
+        case.scene.run(tmp_path / "cut")
     assert Result.read(tmp_path / "cut").status == "interrupted"
     assert len((tmp_path / "cut" / "axis.csv").read_text().splitlines()) == 1 + 1 + 5
-    rest = case.run(tmp_path / "cut", resume=True)
+    rest = case.scene.run(tmp_path / "cut", resume=True)
     assert rest["pressure_drop"] == pytest.approx(whole["pressure_drop"], rel=1e-12)
     for name in ("axis.csv", "monitor.csv", "fields.xdmf"):
         assert (tmp_path / "cut" / name).read_text() == (tmp_path / "whole" / name).read_text()
@@ -304,7 +304,7 @@ def test_back_flow_ends_the_march(tmp_path: Path) -> None:
         "operation__solids_fraction": 0.1,
     }
     with pytest.raises(SolverError, match=r"marching ends at z = .* m: the solids would flow back"):
-        line(**changes).run(tmp_path / "out")
+        line(**changes).scene.run(tmp_path / "out")
     assert (tmp_path / "out" / "axis.csv").read_text().startswith("z [m],pressure [Pa]")
     assert checkpoint.numbers(tmp_path / "out")["z"] > 0
 
@@ -313,7 +313,7 @@ def test_a_run_writes_its_axis(tmp_path: Path) -> None:
     """axis.csv, its picture, sections as a series in z, and what the result tells."""
     out = tmp_path / "out"
     case = line(geometry__length=0.001, output__stations=4)
-    result = case.run(out)
+    result = case.scene.run(out)
     assert (result.status, result.solution) == ("finished", "developing")
     rows = (out / "axis.csv").read_text().splitlines()
     assert float(rows[-1].split(",")[0]) == 0.001
@@ -325,7 +325,7 @@ def test_a_run_writes_its_axis(tmp_path: Path) -> None:
     assert times[0] == 0.0
     assert times[-1] == 0.001
     assert len(times) == 5
-    resumed = case.run(out, resume=True)
+    resumed = case.scene.run(out, resume=True)
     assert resumed["pressure_drop"] == pytest.approx(result["pressure_drop"], rel=1e-12)
 
 
@@ -363,6 +363,6 @@ def test_the_line_of_the_paper() -> None:
     assert max(found.balances().values()) < EXACT
     far = march(line(numerics__mesh_size=None, geometry__length=8.0)).quantities()
     case = problems.demo(COARSE | {"solution": "developed", "numerics.mesh_size": None})
-    wanted = case.run()
+    wanted = case.scene.run()
     for name in ("pressure_gradient", "holdup"):
         assert far[name] == pytest.approx(wanted[name], rel=0.01), name

@@ -333,7 +333,7 @@ def test_run_writes_its_files(solution: str, tmp_path: Any) -> None:
         numerics__mesh_size=0.06,
         heat={"wall": "flux", "wall_flux": 500.0},
     )
-    result = given.run(out)
+    result = given.scene.run(out)
     assert result.status == {"developed": "converged", "developing": "finished"}[solution]
     files = ["result.json", "profiles.csv", "profiles.png", "section.png", "fields.xdmf"]
     files += ["axis.csv", "axis.png"] if solution == "developing" else []

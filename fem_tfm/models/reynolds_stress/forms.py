@@ -113,6 +113,7 @@ def components(t: Expr) -> Expr:
     return ufl.as_vector([t[i, j] for i, j in COMPONENTS])
 
 
+@dataclass(eq=False)
 class ReynoldsStressForms:
     """A turbulent gas in a straight duct.
 
@@ -125,19 +126,11 @@ class ReynoldsStressForms:
     domain : measures and walls
     """
 
-    def __init__(
-        self,
-        law: StressLaw,
-        function: WallFunction,
-        numbers: GasNumbers,
-        axis: Axis,
-        domain: GasDomain,
-    ) -> None:
-        self.law = law
-        self.function = function
-        self.numbers = numbers
-        self.axis = axis
-        self.domain = domain
+    law: StressLaw
+    function: WallFunction
+    numbers: GasNumbers
+    axis: Axis
+    domain: GasDomain
 
     @property
     def eddy_law(self) -> EddyViscosity:

@@ -52,6 +52,7 @@ class Proportional:
         return quantity((state[0], self.given))
 
 
+@dataclass(eq=False)
 class HeatModel:
     """Heat in a given flow.
 
@@ -66,23 +67,13 @@ class HeatModel:
     axis : d/dz of quantities of flow and heat
     """
 
-    def __init__(
-        self,
-        law: HeatFlux,
-        wall: ThermalWall,
-        prandtl: Any,
-        gas: ReynoldsStressForms,
-        flow: GasState,
-        across: Expr,
-        axis: Any,
-    ) -> None:
-        self.law = law
-        self.wall = wall
-        self.prandtl = prandtl
-        self.gas = gas
-        self.flow = flow
-        self.across = across
-        self.axis = axis
+    law: HeatFlux
+    wall: ThermalWall
+    prandtl: Any
+    gas: ReynoldsStressForms
+    flow: GasState
+    across: Expr
+    axis: Any
 
     @property
     def diffusivity(self) -> Expr:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import MISSING, dataclass, replace
 from typing import ClassVar, Literal
 
-from fem_tfm.closures.base import Closure, law
+from fem_tfm.closures.base import Closure, law, wall_distance_field
 from fem_tfm.closures.turbulence.heat_flux import HeatFlux
 from fem_tfm.closures.turbulence.reynolds_stress import StressLaw
 from fem_tfm.closures.walls.functions import Equilibrium, ThermalWall, WallFunction
@@ -58,14 +58,7 @@ class ReynoldsStress(Parameters):
     thermal_wall: ThermalWall = law(
         "thermal-wall", "jayatilleke", "wall function of the temperature", "walls.heat"
     )
-    wall_distance: float | None = parameter(
-        None,
-        "m",
-        "distance of the wall law, default that of the flow",
-        key="walls.distance",
-        gt=0,
-        le=10,
-    )
+    wall_distance: float | None = wall_distance_field()
     heat: Heat | None = parameter(
         None, doc="heat from the walls; without the table there is none", key="heat"
     )

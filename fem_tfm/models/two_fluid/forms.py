@@ -154,6 +154,7 @@ def deviatoric_strain(rate: Expr) -> Expr:
     return ufl.sym(rate) - ufl.tr(rate) / 3 * ufl.Identity(3)
 
 
+@dataclass(eq=False)
 class TwoFluidForms:
     """Weak forms of gas and solids, or of the gas alone when `solids` is None.
 
@@ -167,24 +168,17 @@ class TwoFluidForms:
     domain : measures, normal and distances
     """
 
-    def __init__(
-        self,
-        gas: Gas,
-        solids: Solids | None,
-        closures: ClosureSet,
-        gravity: Any,
-        numerics: Stabilisation,
-        axis: Axis,
-        domain: Domain,
-    ) -> None:
-        self.gas = gas
-        self.solids = solids
-        self.closures = closures
-        self.gravity = gravity
-        self.numerics = numerics
-        self.axis = axis
-        self.domain = domain
-        self.at_point = Pointwise(gas, solids, closures, numerics, domain.diameter)
+    gas: Gas
+    solids: Solids | None
+    closures: ClosureSet
+    gravity: Any
+    numerics: Stabilisation
+    axis: Axis
+    domain: Domain
+
+    def __post_init__(self) -> None:
+        width = self.domain.diameter
+        self.at_point = Pointwise(self.gas, self.solids, self.closures, self.numerics, width)
 
     # -- pointwise quantities ------------------------------------------------------------------
 

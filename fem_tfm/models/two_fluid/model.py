@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import MISSING, dataclass, fields, replace
 from typing import Any, ClassVar, Literal, Self
 
-from fem_tfm.closures.base import Closure, law
+from fem_tfm.closures.base import Closure, law, wall_distance_field
 from fem_tfm.closures.drag import Drag
 from fem_tfm.closures.friction import Friction
 from fem_tfm.closures.granular import Granular
@@ -103,14 +103,7 @@ class TwoFluid(Parameters):
     solids_wall: SolidsWall = law(
         "solids-wall", "schneiderbauer", "solids at the wall", "walls.solids"
     )
-    wall_distance: float | None = parameter(
-        None,
-        "m",
-        "distance of the wall law, default that of the flow",
-        key="walls.distance",
-        gt=0,
-        le=10,
-    )
+    wall_distance: float | None = wall_distance_field()
     grain_gap: float = parameter(
         0.0,
         "-",

@@ -33,6 +33,7 @@ from fem_tfm.fenics import compile_form
 from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
 
 PARTS = ("inlet", "outlet", "wall", "symmetry")
+IMPERMEABLE = ("wall", "symmetry")
 # bounds of the weight s
 LEAST_SHARE, LARGEST_SHARE = 0.05, 0.95
 # arrays over faces that hold the integral over a face; the others hold a value on it

@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Coefficients of the laws at the state of a step, cell by cell and at walls."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ufl
+
+from fem_tfm.closures.walls.solids import WallState
+from fem_tfm.models.finite_volume.specification.data import present
+from fem_tfm.models.finite_volume.specification.facets import FacetForms
+from fem_tfm.models.pointwise import Invariants, Pointwise, SolidsCoefficients, tangential
+
+
+def solids_pressure(point: Pointwise, alpha: Any, theta: Any, deformation: Any, lift: Any) -> Any:
+    """p_s of kinetic theory, friction and a normal stress `lift` of eddies over a rho_s [Pa]."""
+    alpha = ufl.max_value(alpha, 0)
+    found = point.solids_pressure(alpha, theta, deformation.shear, deformation.dilation)
+    return found + alpha * point.solids.density * lift
+
+
+def solids_coefficients(
+    point: Pointwise, alpha: Any, theta: Any, deformation: Any
+) -> SolidsCoefficients:
+    """Coefficients of kinetic theory and friction."""
+    alpha = ufl.max_value(alpha, 0)
+    return point.coefficients(alpha, theta, deformation.shear, deformation.dilation)
+
+
+def drag_coefficients(point: Pointwise, alpha: Any, slip: Any, height: Any) -> tuple[Any, Any]:
+    """beta and |u| d(beta)/d|u| at the slip velocity u = u_g - u_s [kg/m3/s]."""
+    return point.drag_and_growth(present(alpha), point.speed(slip), height)
+
+
+def gas_viscosity(point: Pointwise, gradient: Any, profile: tuple[Any, Any]) -> Any:
+    """mu_g + mu_t of an algebraic law at height y' of a profile stretched by dy'/dy [Pa s]."""
+    return point.gas_viscosity(point.eddies(Invariants(gradient), *profile), profile[1])
+
+
+def solids_wall(
+    on: FacetForms, point: Pointwise, alpha: Any, theta: Any, at: SolidsCoefficients, u: Any
+) -> tuple[Any, Any]:
+    """Friction c of the traction -c u of a wall [Pa s/m], and its heat into Theta [W/m2]."""
+    slip = point.speed(tangential(u, on.normal.edge))
+    state = WallState(ufl.max_value(alpha, 0), theta, at.g0, at.p_f, slip)
+    return point.solids_wall_friction(state), point.solids_wall_heat(state)
+
+
+def gas_wall(on: FacetForms, point: Pointwise, void: Any, u: Any, height: Any, k: Any) -> Any:
+    """Friction c of the traction -c u of a wall on the gas [Pa s/m]."""
+    slip = point.speed(tangential(u, on.normal.edge))
+    return void * point.gas_wall_friction(slip, height, k)
