@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """A turbulent gas that develops: what a station adds to the table along the axis.
 
-Heat is carried along, one linear system a station. What the stations conserve is told: mass and
-heat to round-off, axial momentum to the error of the mesh.
+Heat is carried along, one linear system a station. What the stations conserve is told: mass, axial
+momentum and heat, all to round-off. The pressure drop is told in its parts: what the walls take,
+and what goes into the momentum flux of the part solved and of the strip at the wall.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ from fem_tfm.solvers.marching import MarchControl
 UNITS = {
     "z": "m",
     "pressure": "Pa",
+    "friction_drop": "Pa",
+    "flux_drop": "Pa",
     "pressure_gradient": "Pa/m",
     "friction_factor": "-",
     "centre_to_bulk": "-",
@@ -75,7 +78,7 @@ class ReynoldsStressLine(Line):
         heat: GasHeat | None = None,
         given: Heat | None = None,
     ) -> None:
-        summed = ("head",) if heat is None else ("head", "heat")
+        summed = ["head", "friction", "strip"] + (["heat"] if heat else [])
         super().__init__(station, length, control, outlet_pressure, summed)
         self.density, self.temperature = gas.density, gas.temperature
         self.inlet, self.heat, self.given = inlet, heat, given
@@ -89,8 +92,16 @@ class ReynoldsStressLine(Line):
             self.heat.enter(0.0, excess if self.given.wall == "temperature" else 0.0)
 
     def rates(self) -> dict[str, float]:
-        """Pressure gradient, and the heat that the walls give, which is carried to the station."""
-        rates = {"head": -self.density * self.station.pressure_gradient}
+        """Gradients of the pressure and of its parts, and the heat that the walls give.
+
+        The heat is carried to the station.
+        """
+        station, share = self.station, self.density / self.station.area
+        rates = {
+            "head": -self.density * station.pressure_gradient,
+            "friction": share * station.wall_force(),
+            "strip": share * station.strip_momentum(),
+        }
         if self.heat is not None:
             self.heat.keep()
             self.heat.step(self._wall_flux())
@@ -120,6 +131,14 @@ class ReynoldsStressLine(Line):
         state = self.station.state(self.station.now)
         return self.station.integral("momentum", state.u[2] ** 2)
 
+    def drops(self) -> dict[str, float]:
+        """Parts of the pressure drop from the inlet on [Pa]."""
+        gained = (self.momentum() - self.entered) * self.density / self.station.area
+        return {
+            "friction_drop": self.sums.now["friction"],
+            "flux_drop": gained + self.sums.now["strip"],
+        }
+
     def row(self) -> dict[str, float]:
         """One row of the table."""
         station, inlet = self.station, not self.rows
@@ -137,6 +156,7 @@ class ReynoldsStressLine(Line):
         row = {
             "z": self.z,
             "pressure": self.sums.now["head"],
+            **self.drops(),
             "pressure_gradient": math.nan if inlet else self.density * drive,
             "friction_factor": math.nan if inlet else 2 * drive * width / speed**2,
             "centre_to_bulk": float(u[2]) / speed,
@@ -197,9 +217,14 @@ class ReynoldsStressLine(Line):
                 wall.value = value
 
     def balances(self) -> dict[str, float]:
-        """Relative errors of mass and heat from the inlet to the last station."""
+        """Relative errors of mass, axial momentum and heat from the inlet to the last station.
+
+        Momentum over the largest of the pressure drop and its parts.
+        """
         first = self.rows[0]["gas_mass_flow"]
         found = {"gas_mass": max(abs(row["gas_mass_flow"] / first - 1) for row in self.rows)}
+        parts = [-self.sums.now["head"], *(-drop for drop in self.drops().values())]
+        found["axial_momentum"] = abs(sum(parts)) / (max(map(abs, parts)) or 1.0)
         if self.heat is not None:
             gained, given = self.heat.bulk() * self.station.flux(), self.sums.now["heat"]
             found["heat"] = abs(gained - given) / abs(given) if given else 0.0

@@ -64,7 +64,7 @@ class Setup:
 
 
 def _names(transported: bool) -> tuple[str, ...]:
-    return ("u", "p", "e", "r", "d") if transported else ("u", "p", "e", "q")
+    return ("u", "p", "e", "m", "r", "d") if transported else ("u", "p", "e", "m", "q")
 
 
 def _element(mesh: Any, transported: bool) -> Any:
@@ -72,7 +72,7 @@ def _element(mesh: Any, transported: bool) -> Any:
     p1, p2 = (basix.ufl.element("Lagrange", cell, degree) for degree in (1, 2))
     vector = basix.ufl.blocked_element(p2, shape=(3,))
     more = [basix.ufl.blocked_element(p2, shape=(n,)) for n in (6, 4)] if transported else [p2]
-    return basix.ufl.mixed_element([vector, p1, p2, *more])
+    return basix.ufl.mixed_element([vector, p1, p2, p1, *more])
 
 
 class ReynoldsStressSection(section.Section):
@@ -195,11 +195,12 @@ class ReynoldsStressSection(section.Section):
             "u": SPEED * speed,
             "p": stress,
             "e": 1.0,
+            "m": SPEED * speed,
             "r": stress,
             "d": SHEAR * speed / self.mesh.section.hydraulic_diameter,
             "q": 1.0,
         }
-        limits, follows = {"e": 1.5, "q": 1.0}, ("p", "d")
+        limits, follows = {"e": 1.5, "q": 1.0}, ("p", "m", "d")
         dofs = dict(zip(self.names, self.owned_dofs, strict=True))
         return [Block(n, dofs[n], scales[n], limits.get(n), n in follows) for n in self.names]
 
@@ -220,6 +221,11 @@ class ReynoldsStressSection(section.Section):
         """Axial force of the walls per length over the density [m3/s2]."""
         traction = self.model.traction(self.state(self.now))[2]
         return self.integral("wall force", traction, self.domain.ds_wall)
+
+    def strip_momentum(self) -> float:
+        """Axial momentum into the strip at the wall per length over the density [m3/s2]."""
+        flow = self.model.strip_momentum(self.state(self.now))
+        return self.integral("strip momentum", flow, self.domain.ds_wall)
 
     @property
     def pressure_gradient(self) -> float:
