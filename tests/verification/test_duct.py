@@ -119,7 +119,7 @@ def test_parts_of_the_section_agree(symmetry: str) -> None:
 def test_triangles_agree_with_quadrilaterals() -> None:
     triangles = told(numerics__cells="triangle")
     for name, value in FINE.items():
-        assert triangles[name] == pytest.approx(value, rel=0.012)
+        assert triangles[name] == pytest.approx(value, rel=0.013)
 
 
 def test_k_epsilon_has_no_secondary_flow() -> None:

@@ -48,6 +48,7 @@ from fem_tfm.closures.turbulence.reynolds_stress import (
 )
 from fem_tfm.closures.walls.functions import WallFunction
 from fem_tfm.models.axis import Axis
+from fem_tfm.models.reynolds_stress.exchange import Exchange
 
 # unit vector downstream, and the projection on the section
 AXIAL = ufl.as_vector((0.0, 0.0, 1.0))
@@ -133,6 +134,7 @@ class ReynoldsStressForms:
     numbers : viscosity and regularisations
     axis : the axial derivative
     domain : measures and walls
+    exchange : what particles give to the gas, None without particles
     """
 
     law: StressLaw
@@ -140,6 +142,7 @@ class ReynoldsStressForms:
     numbers: GasNumbers
     axis: Axis
     domain: GasDomain
+    exchange: Exchange | None = None
 
     @property
     def eddy_law(self) -> EddyViscosity:
@@ -152,6 +155,11 @@ class ReynoldsStressForms:
         """The law where it transports the stresses."""
         assert isinstance(self.law, Transported)
         return self.law
+
+    @property
+    def damping(self) -> Expr | None:
+        """Rate at which particles damp the eddies, None where they do not [1/s]."""
+        return None if self.exchange is None else self.exchange.damping
 
     # -- pointwise quantities ------------------------------------------------------------------
 
@@ -230,6 +238,8 @@ class ReynoldsStressForms:
         along = ufl.dot(rate, now.u)
         change = idt * (now.u - old.u) - drive * AXIAL
         change = change + ufl.as_vector((along[0], along[1], self.axial(now)))
+        if self.exchange is not None:
+            change = change - self.exchange.push(now.u)
         form = (ufl.dot(change, v) - ufl.inner(flux, spread)) * self.domain.dx
         if now.d is not None:
             hidden = self.shear_rates(now.u) - now.d
@@ -275,6 +285,8 @@ class ReynoldsStressForms:
         across = ufl.dot(ufl.grad(now.r), ufl.as_vector((now.u[0], now.u[1])))
         change = across + now.u[2] * self.axis.change(lambda state: state.r, now)
         change = change + idt * (now.r - old.r) - components(source)
+        if (damping := self.damping) is not None:
+            change = change + 2 * damping * now.r
         spread = self._across(self.transport_law.stress_diffusivity(stress, k, eps))
         diffusion = ufl.inner(ufl.dot(ufl.grad(now.r), spread), ufl.grad(s))
         return (ufl.dot(change, s) + diffusion) * self.domain.dx
@@ -285,6 +297,8 @@ class ReynoldsStressForms:
         work = trace(production(self.stress(now), self.velocity_gradient(now))) / 2
         source = (law.C_e1 * work - law.C_e2 * eps) / k
         change = idt * (now.e - old.e) + self.advected(lambda s: s.e, now) - source
+        if self.exchange is not None and (damping := self.damping) is not None:
+            change = change + 2 * self.exchange.dissipation * damping
         spread = self._eps_diffusivity(now)
         gradient = ufl.grad(now.e)
         diffusion = ufl.dot(ufl.dot(spread, gradient), ufl.grad(w) - w * gradient)
@@ -308,6 +322,8 @@ class ReynoldsStressForms:
         k, eps = self.energy(now), self.eps(now)
         work = trace(production(self.stress(now), self.velocity_gradient(now))) / 2
         change = idt * (now.q - old.q) + self.advected(lambda s: s.q, now) - (work - eps) / k
+        if (damping := self.damping) is not None:
+            change = change + 2 * damping
         spread = (
             self.numbers.viscosity + self.eddy_law.eddy_viscosity(k, eps) / self.eddy_law.sigma_k
         )

@@ -16,7 +16,7 @@ from dolfinx import fem
 
 from fem_tfm.interpolation import point_values
 from fem_tfm.materials import Gas
-from fem_tfm.models.line import Line
+from fem_tfm.models.line import Coupler, Line
 from fem_tfm.models.reynolds_stress import initial
 from fem_tfm.models.reynolds_stress.heat import GasHeat
 from fem_tfm.models.reynolds_stress.model import Heat
@@ -30,6 +30,7 @@ UNITS = {
     "z": "m",
     "pressure": "Pa",
     "friction_drop": "Pa",
+    "particle_drop": "Pa",
     "flux_drop": "Pa",
     "pressure_gradient": "Pa/m",
     "friction_factor": "-",
@@ -59,6 +60,7 @@ class ReynoldsStressLine(Line):
     gas : its density, and its temperature at the inlet
     inlet : what enters
     heat, given : temperature on the station and what the walls give, None without heat
+    coupler : particles that go along, whose exchange the station holds
     others : as for `Line`
     """
 
@@ -77,9 +79,10 @@ class ReynoldsStressLine(Line):
         inlet: Inlet,
         heat: GasHeat | None = None,
         given: Heat | None = None,
+        coupler: Coupler | None = None,
     ) -> None:
-        summed = ["head", "friction", "strip"] + (["heat"] if heat else [])
-        super().__init__(station, length, control, outlet_pressure, summed)
+        summed = ["head", "friction", "strip", "particles"] + (["heat"] if heat else [])
+        super().__init__(station, length, control, outlet_pressure, summed, coupler)
         self.density, self.temperature = gas.density, gas.temperature
         self.inlet, self.heat, self.given = inlet, heat, given
 
@@ -101,12 +104,38 @@ class ReynoldsStressLine(Line):
             "head": -self.density * station.pressure_gradient,
             "friction": share * station.wall_force(),
             "strip": share * station.strip_momentum(),
+            "particles": -share * station.particle_force(),
         }
         if self.heat is not None:
-            self.heat.keep()
-            self.heat.step(self._wall_flux())
-            rates["heat"] = -self.heat.lost()
+            if self.coupler is None:
+                self.heat.keep()
+                self.carry()
+            rates["heat"] = self.heat.warmed() - self.heat.lost()
         return rates
+
+    def slab_begins(self, step: float) -> None:
+        """Particles are about to cross a slab."""
+        if self.heat is not None:
+            self.heat.keep()
+        if (exchange := self.station.exchange) is not None:
+            exchange.begin([float(w.value) for w in self.station.weights], step)
+
+    def carry(self) -> None:
+        """Temperature of the station at hand."""
+        if self.heat is not None:
+            self.heat.step(self._wall_flux())
+
+    def slab_accepted(self) -> None:
+        """What the gas has got from the particles is entered, with the heat at hand."""
+        self.carry()
+        if self.station.exchange is not None:
+            self.station.exchange.accept()
+
+    def slab_rejected(self) -> None:
+        """Back to what the last accepted station has got from the particles."""
+        self._cool()
+        if self.station.exchange is not None:
+            self.station.exchange.put_back()
 
     def _wall_flux(self) -> float | None:
         """Heat flux of the wall over rho c_p [K m/s], None where its temperature is given."""
@@ -134,10 +163,13 @@ class ReynoldsStressLine(Line):
     def drops(self) -> dict[str, float]:
         """Parts of the pressure drop from the inlet on [Pa]."""
         gained = (self.momentum() - self.entered) * self.density / self.station.area
-        return {
+        drops = {
             "friction_drop": self.sums.now["friction"],
             "flux_drop": gained + self.sums.now["strip"],
         }
+        if self.station.exchange is not None:
+            drops["particle_drop"] = self.sums.now["particles"]
+        return drops
 
     def row(self) -> dict[str, float]:
         """One row of the table."""
@@ -182,18 +214,26 @@ class ReynoldsStressLine(Line):
         }
 
     def companions(self) -> tuple[dict[str, fem.Function], dict[str, float]]:
-        """The temperature of two stations and of their walls."""
+        """What was exchanged with particles, the temperature of two stations and of their walls."""
+        exchange = self.station.exchange
+        fields: dict[str, fem.Function] = {}
+        if exchange is not None:
+            fields |= exchange.functions()
         if self.heat is None:
-            return {}, {}
+            return fields, {}
         walls = {f"wall{i}": float(wall.value) for i, wall in enumerate(self.heat.walls)}
-        return self.heat.copies(), walls | {"imposed": self.heat.imposed}
+        return fields | self.heat.copies(), walls | {"imposed": self.heat.imposed}
 
     def take_companions(
         self, fields: Mapping[str, fem.Function], numbers: Mapping[str, float]
     ) -> None:
         """Put back what `companions` gave."""
+        if (exchange := self.station.exchange) is not None:
+            for name, function in exchange.functions().items():
+                function.x.array[:] = fields[name].x.array
+            exchange.keep()
         if self.heat is not None:
-            self.heat.restore(fields)
+            self.heat.restore({n: f for n, f in fields.items() if not n.startswith("exchange.")})
             self.heat.imposed = numbers["imposed"]
             for i, wall in enumerate(self.heat.walls):
                 wall.value = numbers[f"wall{i}"]
@@ -209,6 +249,10 @@ class ReynoldsStressLine(Line):
     def step_back(self) -> None:
         """Put the last accepted station back, after a step was cut short."""
         super().step_back()
+        self._cool()
+
+    def _cool(self) -> None:
+        """The temperature of the last accepted station."""
         if self.heat is not None:
             parts = (self.heat.now, self.heat.old, self.heat.older)
             for part, values in zip(parts, self._warmth[0], strict=True):

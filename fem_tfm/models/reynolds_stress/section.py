@@ -24,6 +24,7 @@ from fem_tfm.fenics import compile_expression, compile_form
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.section import RectangularSection
 from fem_tfm.models import section
+from fem_tfm.models.reynolds_stress.exchange import Exchange
 from fem_tfm.models.reynolds_stress.forms import (
     GasDomain,
     GasNumbers,
@@ -84,6 +85,7 @@ class ReynoldsStressSection(section.Section):
     setup : numbers of the problem
     progress : called with a word before each form is compiled
     develops : whether it is a station of a march
+    exchange : what particles give to the gas, None without particles
     """
 
     setup: Setup
@@ -94,13 +96,17 @@ class ReynoldsStressSection(section.Section):
         setup: Setup,
         progress: Callable[[str], None] = lambda text: None,
         develops: bool = False,
+        exchange: Exchange | None = None,
     ) -> None:
         transported = setup.law.transported
         element = _element(mesh.mesh, transported)
         super().__init__(mesh, setup, _names(transported), element, develops)
         self.domain = self._domain()
         numbers = setup.bound(self._number)
-        self.model = ReynoldsStressForms(*numbers, self._axis(), self.domain)
+        self.exchange = exchange
+        self.model = ReynoldsStressForms(*numbers, self._axis(), self.domain, exchange)
+        if exchange is not None:
+            exchange.force.bind(self.state(self.now).u, self.dx)
         self._flux_form: fem.Form | None = None
         self.build(progress)
 
@@ -226,6 +232,12 @@ class ReynoldsStressSection(section.Section):
         """Axial momentum into the strip at the wall per length over the density [m3/s2]."""
         flow = self.model.strip_momentum(self.state(self.now))
         return self.integral("strip momentum", flow, self.domain.ds_wall)
+
+    def particle_force(self) -> float:
+        """Axial force of particles on the gas per length over the density [m3/s2]."""
+        if self.exchange is None:
+            return 0.0
+        return self.integral("particles", self.exchange.push(self.state(self.now).u)[2])
 
     @property
     def pressure_gradient(self) -> float:
