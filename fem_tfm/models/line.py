@@ -3,7 +3,8 @@
 
 Each station is a section solved with implicit differences to the two before it, so that a line
 costs some hundred sections and no three-dimensional mesh. What the stations conserve is told: mass
-of each phase, and what is integrated along the axis by the same differences.
+of each phase, and what is integrated along the axis by the same differences. Particles may go along
+and give the flow what they take from it, slab by slab.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from dolfinx import fem
@@ -44,6 +45,65 @@ class Sums:
         self.now, self.old = found, self.now
 
 
+class Coupler(Protocol):
+    """What goes down the line beside the flow and exchanges something with it, such as particles.
+
+    A slab between two stations is crossed again and again, each time from the same state at its
+    beginning, until it is accepted or rejected.
+    """
+
+    def begin(self, start: float, end: float) -> None:
+        """A slab is tried, from the last accepted station to a new one [m]."""
+        ...
+
+    def trace(self, station: Any) -> float:
+        """Cross the slab with the flow at hand and tell its station what that gives to the flow.
+
+        Returns the relative change of what it gives. May raise LinearSolveError, upon which the
+        slab is tried again with a smaller step.
+        """
+        ...
+
+    def accept(self) -> None:
+        """The slab counts as it was crossed last."""
+        ...
+
+    def reject(self) -> None:
+        """Back to the beginning of the slab; may be called when no slab is tried."""
+        ...
+
+    def state(self) -> Mapping[str, np.ndarray]:
+        """Whole arrays from which `restore` goes on, on rank 0 at least (collective)."""
+        ...
+
+    def restore(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Put back what `state` gave, whole on every rank."""
+        ...
+
+
+class _Slab:
+    """A line with its coupler, as the march sees them."""
+
+    def __init__(self, line: Line, coupler: Coupler) -> None:
+        self.line, self.coupler = line, coupler
+
+    def begin(self, start: float, end: float) -> None:
+        self.line.slab_begins(end - start)
+        self.coupler.begin(start, end)
+
+    def trace(self) -> float:
+        self.line.carry()
+        return self.coupler.trace(self.line.station)
+
+    def accept(self) -> None:
+        self.coupler.accept()
+        self.line.slab_accepted()
+
+    def reject(self) -> None:
+        self.coupler.reject()
+        self.line.slab_rejected()
+
+
 class Line(ABC):
     """A developing flow: subclasses tell what a station of their model adds to the table.
 
@@ -54,6 +114,7 @@ class Line(ABC):
     control : steps of the march
     outlet_pressure : absolute [Pa], 0 where pressures are told above the outlet's
     summed : names of integrals along the axis
+    coupler : what goes along with the flow, None for a flow alone
 
     Attributes
     ----------
@@ -74,8 +135,10 @@ class Line(ABC):
         control: MarchControl,
         outlet_pressure: float,
         summed: Sequence[str],
+        coupler: Coupler | None = None,
     ) -> None:
         self.station, self.length, self.control = station, length, control
+        self.coupler = coupler
         self.outlet_pressure = outlet_pressure
         self.rows: list[dict[str, float]] = []
         self.sums = Sums(summed)
@@ -124,6 +187,18 @@ class Line(ABC):
     ) -> None:
         """Put back what `companions` gave; a model without any does nothing."""
 
+    def slab_begins(self, step: float) -> None:  # noqa: B027
+        """A slab with a coupler is tried; a flow without particles does nothing here and below."""
+
+    def carry(self) -> None:  # noqa: B027
+        """Solve what the flow carries before the coupler sees it, such as heat."""
+
+    def slab_accepted(self) -> None:  # noqa: B027
+        """The slab is accepted; the station is not in the table yet."""
+
+    def slab_rejected(self) -> None:  # noqa: B027
+        """Back to what belongs to the last accepted station beside the unknowns."""
+
     @property
     def z(self) -> float:
         """Where the station at hand stands [m]."""
@@ -161,7 +236,8 @@ class Line(ABC):
 
         station = self.station
         stations, parts = (station.old, station.older), (self.control, self.back_flow)
-        march = March(station.newton, stations, station.weights, *parts, accept, retry=retry)
+        slab = None if self.coupler is None else _Slab(self, self.coupler)
+        march = March(station.newton, stations, station.weights, *parts, accept, retry, slab)
         march.run(self.length, self.place)
 
     def _accept(self, stop: Stop) -> None:
@@ -184,6 +260,9 @@ class Line(ABC):
     def step_back(self) -> None:
         """Put the last accepted station back, after a step was cut short."""
         self.station.now.x.array[:], self.station.old.x.array[:] = self._state
+        if self.coupler is not None:
+            self.coupler.reject()
+            self.slab_rejected()
 
     def extreme(self, name: str, largest: bool) -> float:
         """Smallest or largest axial velocity of a phase at its nodes [m/s]."""
@@ -195,8 +274,15 @@ class Line(ABC):
 
     # -- its state -----------------------------------------------------------------------------
 
-    def state(self) -> tuple[dict[str, fem.Function], dict[str, float], dict[str, list[float]]]:
-        """Fields, numbers and tables from which `restore` goes on."""
+    def state(
+        self,
+    ) -> tuple[
+        dict[str, fem.Function],
+        dict[str, float],
+        dict[str, list[float]],
+        dict[str, np.ndarray],
+    ]:
+        """Fields, numbers, tables and the coupler's arrays from which `restore` goes on."""
         place, station = self.place, self.station
         assert place is not None
         numbers = {
@@ -212,7 +298,8 @@ class Line(ABC):
             source = station.now if key == "now" else station.old
             function.x.array[:] = source.x.array[self._dofs[name]]
         more_fields, more_numbers = self.companions()
-        return self.stored_fields() | more_fields, numbers | more_numbers, tables
+        others = {} if self.coupler is None else dict(self.coupler.state())
+        return self.stored_fields() | more_fields, numbers | more_numbers, tables, others
 
     def stored_fields(self) -> dict[str, fem.Function]:
         """The functions that hold a stored state, by name."""
@@ -223,6 +310,7 @@ class Line(ABC):
         fields: Mapping[str, fem.Function],
         numbers: Mapping[str, float],
         tables: Mapping[str, Sequence[float]],
+        others: Mapping[str, np.ndarray] | None = None,
     ) -> None:
         """Stand where `state` was taken; `fields` are `stored_fields` and those of companions."""
         station = self.station
@@ -240,6 +328,8 @@ class Line(ABC):
             self.sums.now[name], self.sums.old[name] = kept.pop(f"sum.{name}")
         rows = zip(*kept.values(), strict=True)
         self.rows = [dict(zip(kept, row, strict=True)) for row in rows]
+        if self.coupler is not None:
+            self.coupler.restore(others or {})
         self.remember()
 
     # -- what the line tells -------------------------------------------------------------------

@@ -34,8 +34,12 @@ def save(
     fields: Mapping[str, fem.Function],
     numbers: Mapping[str, float],
     tables: Mapping[str, Sequence[float]] | None = None,
+    others: Mapping[str, np.ndarray] | None = None,
 ) -> None:
-    """Write fields, numbers and columns of numbers (collective)."""
+    """Write fields, numbers, columns of numbers and other arrays (collective).
+
+    others : whole arrays of any type and shape; those of rank 0 are written
+    """
     arrays: dict[str, np.ndarray] = {}
     for name, function in fields.items():
         points, values = _owned(function)
@@ -45,6 +49,7 @@ def save(
             arrays[f"{name}.values"] = np.concatenate([part[1] for part in gathered])
     arrays |= {f"number.{key}": np.asarray(value) for key, value in numbers.items()}
     arrays |= {f"table.{key}": np.asarray(column) for key, column in (tables or {}).items()}
+    arrays |= {f"array.{key}": np.asarray(value) for key, value in (others or {}).items()}
     on_root(comm, lambda: _write(Path(directory), arrays))
 
 
@@ -154,6 +159,13 @@ def tables(directory: str | Path) -> dict[str, list[float]]:
     with np.load(_path(directory)) as stored:
         keys = [key for key in stored.files if key.startswith("table.")]
         return {key.removeprefix("table."): stored[key].tolist() for key in keys}
+
+
+def others(directory: str | Path) -> dict[str, np.ndarray]:
+    """The other arrays of a checkpoint, whole on every rank."""
+    with np.load(_path(directory)) as stored:
+        keys = [key for key in stored.files if key.startswith("array.")]
+        return {key.removeprefix("array."): stored[key] for key in keys}
 
 
 def _owned(function: fem.Function) -> tuple[np.ndarray, np.ndarray]:

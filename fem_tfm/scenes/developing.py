@@ -322,6 +322,9 @@ class LineRecorder(Recorder):
         message = f"z {place.z:.4g} of {line.length:.4g} m, {told}"
         self.progress.update(self._fraction(place.z), message)
         self.log(f"station {len(line.rows) - 1}: step {place.last:.3g} m, {message}")
+        if stop.change > line.control.exchange:
+            changed = f"by {stop.change:.1e} in the last of {stop.passes} passes"
+            self.log(f"accepted though what particles give to the flow still changed {changed}")
         self._keep(line)
 
     def retry(self, step: float, reason: str) -> None:
@@ -333,7 +336,7 @@ class LineRecorder(Recorder):
         assert self.out is not None
         fields = line.stored_fields() | line.companions()[0]
         numbers = checkpoint.load(self.out, self.comm, fields)
-        line.restore(fields, numbers, checkpoint.tables(self.out))
+        line.restore(fields, numbers, checkpoint.tables(self.out), checkpoint.others(self.out))
 
     def step_back(self) -> None:
         """Go back to the last accepted station, which is kept already."""

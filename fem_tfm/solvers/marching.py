@@ -4,6 +4,9 @@
 At each station a BorderedNewton is solved whose residual holds backward differences over the
 stations before. The step grows where little happens and Newton is quick; a step that fails is taken
 back and repeated with a smaller one. The object decides on steps alone: it knows no equation.
+
+What the system exchanges with something else that goes the same way, such as particles, is found by
+passes over the slab between two stations: solve, follow the other, solve again with what it tells.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from dolfinx import fem
@@ -22,6 +26,8 @@ from fem_tfm.solvers.step import StepControl, attempt
 # a step within this share of the rest of the way takes all of it
 LAST = 1.001
 SAFETY = 0.9
+# before the last pass over a slab the system is solved to this share of the change that may be left
+BEFORE = 0.03
 
 
 def backward_weights(step: float, before: float | None) -> tuple[float, float, float]:
@@ -46,6 +52,8 @@ class MarchControl(StepControl):
     easy, hard : Newton iterations at or below which the step may grow, above which it shrinks
     tolerance : relative update at which a station counts as solved
     order : 1 for backward Euler, 2 for BDF2
+    exchange : relative change of what a coupled march exchanges at which its passes end
+    passes : most passes over a slab; the last one counts, however much it changed
     refusals : how often a station that is no answer is tried again with a smaller step
     max_stations : stations before giving up
     """
@@ -58,8 +66,33 @@ class MarchControl(StepControl):
     tolerance: float = 1e-10
     max_iterations: int = 8
     order: int = 2
+    exchange: float = 1e-3
+    passes: int = 8
     refusals: int = 2
     max_stations: int = 10000
+
+
+class Coupler(Protocol):
+    """What goes downstream beside the system and exchanges something with it, slab by slab."""
+
+    def begin(self, start: float, end: float) -> None:
+        """A slab is tried, from the last accepted station to a new one [m]."""
+        ...
+
+    def trace(self) -> float:
+        """Cross the slab with the unknowns at hand and renew what the system gets.
+
+        Returns the relative change of that.
+        """
+        ...
+
+    def accept(self) -> None:
+        """The slab counts as it was traced last."""
+        ...
+
+    def reject(self) -> None:
+        """The slab was never tried."""
+        ...
 
 
 class _Refused(LinearSolveError):
@@ -81,12 +114,17 @@ class Place:
 
 @dataclass(frozen=True)
 class Stop:
-    """What a march tells of a station: place, Newton iterations, update and bend."""
+    """What a march tells of a station: place, most Newton iterations at once, update and bend.
+
+    passes, change : of a coupled march, with the change of what was exchanged in the last of them
+    """
 
     place: Place
     iterations: int
     update: float
     bend: float
+    passes: int = 0
+    change: float = 0.0
 
 
 class March:
@@ -101,6 +139,7 @@ class March:
     check : why a station that Newton has solved is no answer, or an empty text
     observe : called after each accepted station; may raise to stop
     retry : called with the new step [m] and the reason when a step is taken back
+    coupler : what exchanges something with the system, None for a system alone
     """
 
     def __init__(
@@ -112,6 +151,7 @@ class March:
         check: Callable[[], str] = lambda: "",
         observe: Callable[[Stop], None] = lambda stop: None,
         retry: Callable[[float, str], None] = lambda step, reason: None,
+        coupler: Coupler | None = None,
     ) -> None:
         self.newton = newton
         self.old, self.older = upstream
@@ -120,6 +160,7 @@ class March:
         self.check = check
         self.observe = observe
         self.retry = retry
+        self.coupler = coupler
 
     def run(self, end: float, start: Place | None = None) -> Place:
         """March to `end` [m]; the unknowns hold the station that `start` tells.
@@ -157,36 +198,64 @@ class March:
         stop, step = attempt(
             step,
             control.smallest,
-            lambda step: (self._solved(place, step), step),
+            lambda step: (self._solved(place, step, _reached(place.z, step, end)), step),
             shrink,
             failures=LinearSolveError,
             restore=self._restore,
             retry=self.retry,
             refuse=lambda error: f"marching ends at z = {place.z:.4g} m: {error}",
         )
-        z = end if end - place.z - step <= 1e-12 * end else place.z + step
+        if self.coupler:
+            self.coupler.accept()
+        z = _reached(place.z, step, end)
         return replace(stop, place=Place(z, step, self._next(step, stop)))
 
-    def _solved(self, place: Place, step: float) -> Stop:
-        """Newton at one station from the line through the two before it."""
+    def _solved(self, place: Place, step: float, z: float) -> Stop:
+        """Newton at one station, at z, from the line through the two before it."""
         control = self.control
         before = place.last if control.order == 2 else None
         for weight, value in zip(self.weights, backward_weights(step, before), strict=True):
             weight.value = value
         guess = self._predict(step / place.last if place.last else 0.0)
-        iterations, update = self._newton()
+        if self.coupler:
+            self.coupler.begin(place.z, z)
+        stop = self._station(place)
         if reason := self.check():
             raise _Refused(reason)
-        return Stop(place, iterations, update, self._bend(guess))
+        return replace(stop, bend=self._bend(guess))
 
-    def _newton(self) -> tuple[int, float]:
+    def _station(self, place: Place) -> Stop:
+        """Newton, and with a coupler passes over the slab until what is exchanged hardly changes.
+
+        The system has the last word, so that it fulfils its balances with what it was told last.
+        """
+        control, coupler = self.control, self.coupler
+        if coupler is None:
+            return Stop(place, *self._newton(control.tolerance), bend=math.nan)
+        most, passes, change = 0, 0, math.inf
+        tolerance = max(control.tolerance, BEFORE * control.exchange)
+        iterations, update = self._newton(tolerance)
+        while change > control.exchange and passes < control.passes:
+            change, passes, most = coupler.trace(), passes + 1, max(most, iterations)
+            if change <= control.exchange or passes == control.passes:
+                tolerance = control.tolerance
+            iterations, update = self._newton(tolerance, polish=True)
+        return Stop(place, max(most, iterations), update, math.nan, passes, change)
+
+    def _newton(self, tolerance: float, polish: bool = False) -> tuple[int, float]:
+        """Iterations, and the last update.
+
+        polish : try the last factorisation first, for little has changed since
+        """
         control, rest = self.control, math.inf
+        if polish and (rest := self.newton.polish(tolerance)[1]) <= tolerance:
+            return 0, rest
         for iteration in range(1, control.max_iterations + 1):
             update = self.newton.step()
             rest = update.rest
-            if update.length == 1.0 and rest > control.tolerance and rest < 1:
-                rest = self.newton.polish(control.tolerance, rest)[1]
-            if update.length == 1.0 and rest <= control.tolerance:
+            if update.length == 1.0 and rest > tolerance and rest < 1:
+                rest = self.newton.polish(tolerance, rest)[1]
+            if update.length == 1.0 and rest <= tolerance:
                 return iteration, rest
         raise LinearSolveError(f"no convergence in {control.max_iterations} Newton iterations")
 
@@ -220,6 +289,13 @@ class March:
         self._multipliers = [float(b.multiplier.value) for b in self.newton.borders]
 
     def _restore(self) -> None:
+        if self.coupler:
+            self.coupler.reject()
         self.newton.unknowns.x.array[:] = self.old.x.array
         for border, value in zip(self.newton.borders, self._multipliers, strict=True):
             border.multiplier.value = value
+
+
+def _reached(z: float, step: float, end: float) -> float:
+    """Where a step leads, the end itself where only round-off is left [m]."""
+    return end if end - z - step <= 1e-12 * end else z + step

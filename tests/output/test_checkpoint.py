@@ -43,9 +43,23 @@ def test_what_is_saved_comes_back(tmp_path: Path) -> None:
     assert math.isnan(tables["G"][0])
 
 
+def test_arrays_of_any_type_come_back(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    given = {"cloud.x": rng.normal(size=(5, 3)), "cloud.id": np.arange(5, dtype=np.int64)}
+    given["cloud.status"] = np.array([0, 1, 0, 3, 0], dtype=np.int8)
+    checkpoint.save(tmp_path, COMM, {}, {"step": 0.1}, others=given)
+    found = checkpoint.others(tmp_path)
+    assert list(found) == list(given)
+    for name, array in given.items():
+        assert found[name].dtype == array.dtype
+        assert np.array_equal(found[name], array)
+    assert checkpoint.tables(tmp_path) == {}
+
+
 def test_without_tables_there_are_none(tmp_path: Path) -> None:
     checkpoint.save(tmp_path, COMM, {}, {"step": 1})
     assert checkpoint.tables(tmp_path) == {}
+    assert checkpoint.others(tmp_path) == {}
 
 
 def test_another_mesh_and_no_file_are_refused(tmp_path: Path) -> None:

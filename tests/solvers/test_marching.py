@@ -6,6 +6,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,11 @@ import ufl
 from dolfinx import fem
 from dolfinx.mesh import create_unit_interval
 from mpi4py import MPI
+from scipy.integrate import solve_ivp
 
 from fem_tfm.errors import SolverError
 from fem_tfm.fenics import compile_form
-from fem_tfm.solvers.marching import March, MarchControl, Stop, backward_weights
+from fem_tfm.solvers.marching import Coupler, March, MarchControl, Stop, backward_weights
 from fem_tfm.solvers.newton import Block, BorderedNewton
 
 
@@ -38,16 +40,16 @@ def test_without_a_station_before_the_difference_is_eulers() -> None:
 
 
 class Decay:
-    """y' = -y^2 with y(0) = 1, so y = 1/(1 + z), on a mesh where y is one number."""
+    """y' = -y^2 + s with y(0) = 1, on a mesh where y is one number; with s = 0 y = 1/(1 + z)."""
 
     def __init__(self) -> None:
         mesh = create_unit_interval(MPI.COMM_SELF, 1)
         space = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))
-        self.y, self.old, self.older = (fem.Function(space) for _ in range(3))
+        self.y, self.old, self.older, self.source = (fem.Function(space) for _ in range(4))
         self.weights = [fem.Constant(mesh, 0.0) for _ in range(3)]
         w, stations = ufl.TestFunction(space), (self.y, self.old, self.older)
         rate = sum(c * f for c, f in zip(self.weights, stations, strict=True))
-        form = (rate + self.y**2) * w * ufl.dx
+        form = (rate + self.y**2 - self.source) * w * ufl.dx
         jacobian = ufl.derivative(form, self.y, ufl.TrialFunction(space))
         blocks = [Block("y", np.arange(1), 1.0)]
         parts = (compile_form(form), compile_form(jacobian), self.y, [], [], blocks)
@@ -61,11 +63,17 @@ class Decay:
         """y at the station at hand."""
         return float(self.y.x.array[0])
 
-    def march(self, control: MarchControl, check: Callable[[], str] = lambda: "") -> March:
+    def march(
+        self,
+        control: MarchControl,
+        check: Callable[[], str] = lambda: "",
+        coupler: Coupler | None = None,
+    ) -> March:
         """A march of this equation that keeps what it tells."""
         stations = (self.old, self.older)
         tell: Any = lambda step, reason: self.retries.append((step, reason))  # noqa: E731
-        return March(self.newton, stations, self.weights, control, check, self.stops.append, tell)
+        parts = (control, check, self.stops.append, tell, coupler)
+        return March(self.newton, stations, self.weights, *parts)
 
 
 def fixed(step: float, order: int) -> MarchControl:
@@ -138,3 +146,84 @@ def test_a_march_goes_on_where_another_stopped() -> None:
     assert len(whole.stops) > 11
     parts.march(control).run(1.0, parts.stops[-1].place)
     assert parts.value == whole.value
+
+
+# -- a march with something beside it ----------------------------------------------------------
+
+
+class Follower:
+    """p' = (y - p)/L beside the decay, which gets s = -(y - p)/L, by backward Euler."""
+
+    def __init__(self, problem: Decay, length: float) -> None:
+        self.problem, self.length = problem, length
+        self.begun = self.ended = 0.0
+        self.calls: list[str] = []
+
+    def begin(self, start: float, end: float) -> None:
+        self.slab = start, end
+        self.calls.append("begin")
+
+    def trace(self) -> float:
+        start, end = self.slab
+        y, share = self.problem.value, (end - start) / self.length
+        self.ended = (self.begun + share * y) / (1 + share)
+        before = self.problem.source.x.array[0]
+        self.problem.source.x.array[:] = -(y - self.ended) / self.length
+        self.calls.append("trace")
+        return abs(self.problem.source.x.array[0] - before) / abs(before or 1.0)
+
+    def accept(self) -> None:
+        self.begun = self.ended
+        self.calls.append("accept")
+
+    def reject(self) -> None:
+        self.ended = self.begun
+        self.calls.append("reject")
+
+
+def test_what_goes_along_is_followed() -> None:
+    """y and p against their equations, and the passes of each slab until the source stands."""
+    problem = Decay()
+    follower = Follower(problem, 0.5)
+    control = replace(fixed(1 / 256, 1), exchange=1e-6, passes=20)
+    problem.march(control, coupler=follower).run(1.0)
+    exact = solve_ivp(
+        lambda z, y: [-(y[0] ** 2) - (y[0] - y[1]) / 0.5, (y[0] - y[1]) / 0.5],
+        (0, 1),
+        [1.0, 0.0],
+        rtol=1e-10,
+    ).y[:, -1]
+    assert problem.value == pytest.approx(exact[0], rel=5e-3)
+    assert follower.begun == pytest.approx(exact[1], rel=5e-3)
+    assert all(0 < stop.change <= 1e-6 for stop in problem.stops)
+    assert sum(stop.passes for stop in problem.stops) == follower.calls.count("trace")
+    assert follower.slab[1] == 1.0
+    # the system has the last word, with the source at hand
+    change = backward_weights(1 / 256, None)[0] * (problem.value - problem.old.x.array[0])
+    source = problem.source.x.array[0]
+    assert change == pytest.approx(-(problem.value**2) + source, rel=1e-9)
+
+
+def test_passes_end_at_their_cap() -> None:
+    problem = Decay()
+    control = replace(fixed(1 / 4, 1), exchange=0.0, passes=3)
+    problem.march(control, coupler=Follower(problem, 0.5)).run(1.0)
+    assert [stop.passes for stop in problem.stops] == [3] * 4
+    assert min(stop.change for stop in problem.stops) > 0
+
+
+def test_a_slab_taken_back_is_rejected_first() -> None:
+    problem = Decay()
+    follower = Follower(problem, 0.5)
+
+    def check() -> str:
+        return "too far" if float(problem.old.x.array[0]) - problem.value > 0.03 else ""
+
+    control = MarchControl(first=0.03, largest=0.03, smallest=1e-7, bend=1.0)
+    problem.march(control, check, follower).run(0.05)
+    assert problem.retries
+    told = [call for call in follower.calls if call != "trace"]
+    ends = told[1::2]
+    assert told[::2] == ["begin"] * len(ends)
+    assert ends.count("reject") == len(problem.retries)
+    assert ends.count("accept") == len(problem.stops)

@@ -62,14 +62,13 @@ def test_converges_from_a_cold_start_and_closes_its_balances() -> None:
     assert abs(solution.section.newton.assemble_residual()).max() < 1e-9
     kept = duct.checked_balances(solution.section)
     assert kept["gas_mass"] < 1e-12
-    # not conservative: what is missing is the error of the mesh
-    assert kept["axial_momentum"] < 5e-3
+    assert kept["axial_momentum"] < 1e-10
 
 
 @pytest.mark.parametrize("name", list(FINE))
 def test_ten_cells_against_forty(name: str) -> None:
-    """Within 1.2 %; twenty cells are within 0.4 %."""
-    assert told()[name] == pytest.approx(FINE[name], rel=0.012)
+    """Within 1.3 %; twenty cells are within 0.4 %."""
+    assert told()[name] == pytest.approx(FINE[name], rel=0.013)
 
 
 @pytest.mark.slow
@@ -120,7 +119,7 @@ def test_parts_of_the_section_agree(symmetry: str) -> None:
 def test_triangles_agree_with_quadrilaterals() -> None:
     triangles = told(numerics__cells="triangle")
     for name, value in FINE.items():
-        assert triangles[name] == pytest.approx(value, rel=0.012)
+        assert triangles[name] == pytest.approx(value, rel=0.013)
 
 
 def test_k_epsilon_has_no_secondary_flow() -> None:
@@ -277,12 +276,17 @@ def marched(length: float, size: float) -> Line:
     return march(given)
 
 
-def test_a_march_conserves_mass_and_heat() -> None:
+def test_a_march_conserves_mass_momentum_and_heat() -> None:
     line = marched(0.1, 0.06)
     assert len(line.rows) > 8
     kept = line.balances()
     assert kept["gas_mass"] < 1e-12
     assert kept["heat"] < 1e-9
+    assert kept["axial_momentum"] < 1e-8
+    last = line.rows[-1]
+    # the entrance pays for its boundary layers with more than the friction
+    assert -last["pressure"] == pytest.approx(last["friction_drop"] + last["flux_drop"], rel=1e-8)
+    assert last["flux_drop"] > 0.1 * last["friction_drop"] > 0
     warmth = [row["bulk_temperature"] for row in line.rows]
     assert warmth == sorted(warmth)
     assert line.rows[-1]["friction_factor"] < line.rows[1]["friction_factor"]

@@ -15,8 +15,15 @@ pressure is the drive G/rho. The viscous stress that R hides is put in and taken
     + nu_s [D(u) - D_h] : grad v,   nu_s = C k^2/eps,   D_h the projection of D(u)
 
 where D are the shear rates in the section. It vanishes with the cells, and without it the velocity
-finds no stress to answer its zigzag. With an eddy viscosity the stresses and D_h are left out and
-q = ln k is an unknown instead.
+finds no stress to answer its zigzag; div u, which has no projection, is resisted by nu_s likewise.
+With an eddy viscosity the stresses and D_h are left out and q = ln k is an unknown instead.
+
+Axial momentum is conserved: m, the axial velocity in the space of the pressure, is an unknown, and
+
+    u.grad u_z = div(u u_z) - m div u
+
+leaves u_z - m alone to meet what is left of div u, so that G A, the force of the walls, the change
+of the momentum flux and what flows into the strip at the wall add up to round-off.
 
 The mesh begins at a plane in the log layer; what flows in the strip behind it takes part in
 continuity. Derivatives of stresses along the axis are left out.
@@ -41,6 +48,7 @@ from fem_tfm.closures.turbulence.reynolds_stress import (
 )
 from fem_tfm.closures.walls.functions import WallFunction
 from fem_tfm.models.axis import Axis
+from fem_tfm.models.reynolds_stress.exchange import Exchange
 
 # unit vector downstream, and the projection on the section
 AXIAL = ufl.as_vector((0.0, 0.0, 1.0))
@@ -54,6 +62,7 @@ class GasState:
     """Unknowns as UFL expressions.
 
     u : velocity [m/s];  p : modified pressure over the density [m2/s2];  e : ln(eps/(m2/s3))
+    m : u_z projected on the space of p [m/s]
     r : R_xx, R_yy, R_zz, R_xy, R_xz, R_yz [m2/s2];  d : projected shear rates [1/s]
     q : ln(k/(m2/s2)), in place of r and d for an eddy viscosity
     """
@@ -61,6 +70,7 @@ class GasState:
     u: Expr
     p: Expr
     e: Expr
+    m: Expr
     r: Any = None
     d: Any = None
     q: Any = None
@@ -124,6 +134,7 @@ class ReynoldsStressForms:
     numbers : viscosity and regularisations
     axis : the axial derivative
     domain : measures and walls
+    exchange : what particles give to the gas, None without particles
     """
 
     law: StressLaw
@@ -131,6 +142,7 @@ class ReynoldsStressForms:
     numbers: GasNumbers
     axis: Axis
     domain: GasDomain
+    exchange: Exchange | None = None
 
     @property
     def eddy_law(self) -> EddyViscosity:
@@ -143,6 +155,11 @@ class ReynoldsStressForms:
         """The law where it transports the stresses."""
         assert isinstance(self.law, Transported)
         return self.law
+
+    @property
+    def damping(self) -> Expr | None:
+        """Rate at which particles damp the eddies, None where they do not [1/s]."""
+        return None if self.exchange is None else self.exchange.damping
 
     # -- pointwise quantities ------------------------------------------------------------------
 
@@ -196,6 +213,11 @@ class ReynoldsStressForms:
             (u[2].dx(0), u[2].dx(1), u[0].dx(0) - u[1].dx(1), u[0].dx(1) + u[1].dx(0))
         )
 
+    def swelling(self, state: GasState) -> Expr:
+        """div u [1/s]."""
+        across = state.u[0].dx(0) + state.u[1].dx(1)
+        return across + self.axis.change(lambda s: s.u[2], state)
+
     # -- balances ------------------------------------------------------------------------------
 
     def mass(self, now: GasState, w: Expr) -> ufl.Form:
@@ -213,14 +235,42 @@ class ReynoldsStressForms:
         isotropic = (stress[0, 0] + stress[1, 1]) / 2
         viscous = 2 * self.numbers.viscosity * symmetric(rate)
         flux = stress - (isotropic - now.p) * SECTION - viscous
-        # not as a divergence: w div(u, v), zero in the mean only, would exceed the drive
-        change = idt * (now.u - old.u) + ufl.dot(rate, now.u) - drive * AXIAL
+        along = ufl.dot(rate, now.u)
+        change = idt * (now.u - old.u) - drive * AXIAL
+        change = change + ufl.as_vector((along[0], along[1], self.axial(now)))
+        if self.exchange is not None:
+            change = change - self.exchange.push(now.u)
         form = (ufl.dot(change, v) - ufl.inner(flux, spread)) * self.domain.dx
         if now.d is not None:
             hidden = self.shear_rates(now.u) - now.d
             viscosity = self.numbers.stabilisation * self.energy(now) ** 2 / self.eps(now)
             form += viscosity * ufl.inner(hidden, self.shear_rates(v)) * self.domain.dx
+            form += viscosity * self.swelling(now) * (v[0].dx(0) + v[1].dx(1)) * self.domain.dx
         return form + ufl.dot(self.traction(now), v) * self.domain.ds_wall
+
+    def axial(self, now: GasState) -> Expr:
+        """Axial acceleration, u.grad u_z in a form that conserves momentum [m/s2].
+
+        Continuity makes div u vanish in the mean only, and u_z div u would exceed the drive; so the
+        divergence of u u_z loses m div u, whose integral continuity tells: what flows into the
+        strip at the wall.
+        """
+        speed, swelling = now.u[2], self.swelling(now)
+        across = ufl.dot(now.u, self.axis.gradient(speed))
+        across += speed * (swelling - self.axis.change(lambda s: s.u[2], now))
+        along = self.axis.change(lambda s: s.u[2] ** 2, now)
+        return across + along - now.m * (swelling + self.numbers.pressure_shift * now.p)
+
+    def strip_momentum(self, now: GasState) -> Expr:
+        """Axial momentum that flows into the strip at the wall, per area, over the density [m2/s2].
+
+        It goes with the velocity that continuity is tested with.
+        """
+        return self.axis.change(self.strip_flux, now) * now.m
+
+    def carrier(self, now: GasState, h: Expr) -> ufl.Form:
+        """m, the axial velocity in the space of the pressure."""
+        return (now.m - now.u[2]) * h * self.domain.dx
 
     def projection(self, now: GasState, h: Expr) -> ufl.Form:
         """D_h, the shear rates in the space of the unknowns."""
@@ -235,6 +285,8 @@ class ReynoldsStressForms:
         across = ufl.dot(ufl.grad(now.r), ufl.as_vector((now.u[0], now.u[1])))
         change = across + now.u[2] * self.axis.change(lambda state: state.r, now)
         change = change + idt * (now.r - old.r) - components(source)
+        if (damping := self.damping) is not None:
+            change = change + 2 * damping * now.r
         spread = self._across(self.transport_law.stress_diffusivity(stress, k, eps))
         diffusion = ufl.inner(ufl.dot(ufl.grad(now.r), spread), ufl.grad(s))
         return (ufl.dot(change, s) + diffusion) * self.domain.dx
@@ -245,6 +297,8 @@ class ReynoldsStressForms:
         work = trace(production(self.stress(now), self.velocity_gradient(now))) / 2
         source = (law.C_e1 * work - law.C_e2 * eps) / k
         change = idt * (now.e - old.e) + self.advected(lambda s: s.e, now) - source
+        if self.exchange is not None and (damping := self.damping) is not None:
+            change = change + 2 * self.exchange.dissipation * damping
         spread = self._eps_diffusivity(now)
         gradient = ufl.grad(now.e)
         diffusion = ufl.dot(ufl.dot(spread, gradient), ufl.grad(w) - w * gradient)
@@ -268,6 +322,8 @@ class ReynoldsStressForms:
         k, eps = self.energy(now), self.eps(now)
         work = trace(production(self.stress(now), self.velocity_gradient(now))) / 2
         change = idt * (now.q - old.q) + self.advected(lambda s: s.q, now) - (work - eps) / k
+        if (damping := self.damping) is not None:
+            change = change + 2 * damping
         spread = (
             self.numbers.viscosity + self.eddy_law.eddy_viscosity(k, eps) / self.eddy_law.sigma_k
         )
@@ -280,6 +336,7 @@ class ReynoldsStressForms:
     ) -> ufl.Form:
         """Sum of all balances; `idt` = 1/dt [1/s], `drive` = G/rho [m/s2]."""
         form = self.mass(now, test.p) + self.momentum(now, old, test.u, idt, drive)
+        form += self.carrier(now, test.m)
         form += self.dissipation(now, old, test.e, idt)
         if now.r is None:
             return form + self.turbulent_energy(now, old, test.q, idt)

@@ -158,6 +158,11 @@ class GasHeat:
             self.carrier.velocity,
             self._axis(),
         )
+        self._warmed: fem.Form | None = None
+        if (exchange := section.exchange) is not None and exchange.heat is not None:
+            temperature = self._split(self.now).t
+            exchange.heat.bind(ufl.as_vector((temperature,)), section.dx)
+            self._warmed = compile_form(exchange.warming(temperature) * section.dx)
         form = self.model.residual(
             self._split(self.now), HeatState(0.0, *ufl.TestFunctions(self.space))
         )
@@ -308,6 +313,10 @@ class GasHeat:
     def lost(self) -> float:
         """Heat into the wall per length of the part solved, over rho c_p [K m2/s]."""
         return self._sum(self._lost)
+
+    def warmed(self) -> float:
+        """Heat from particles per length of the part solved, over rho c_p [K m2/s]."""
+        return 0.0 if self._warmed is None else self._sum(self._warmed)
 
     @property
     def _perimeter(self) -> float:

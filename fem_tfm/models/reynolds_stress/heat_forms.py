@@ -109,6 +109,8 @@ class HeatModel:
         strip -= now.t * gas.axis.change(self._strip, flow)
         flux = self.diffusivity * gradient - self._turbulent(now)
         change = ufl.dot(self.across, gradient) + along
+        if gas.exchange is not None and gas.exchange.heat is not None:
+            change -= gas.exchange.warming(now.t)
         form = (change * test.t + ufl.dot(flux, ufl.grad(test.t))) * gas.domain.dx
         form += (self.loss(now) + strip) * test.t * gas.domain.ds_wall
         return form if now.q is None else form + self._fluxes(now, test)

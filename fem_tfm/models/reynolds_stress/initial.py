@@ -89,6 +89,7 @@ def cold(section: ReynoldsStressSection) -> None:
     excess = section.newton.constraint_errors()[0] + float(target.value)
     guess.scale = float(target.value) / excess
     _put(section, "u", axial)
+    _put(section, "m", guess.velocity)
     section.fulfil()
 
 
@@ -114,6 +115,7 @@ def enter(section: ReynoldsStressSection, intensity: float, length: float) -> No
     wanted = speed * geometry.area / geometry.area_factor
     share = wanted / section.flux()
     _put(section, "u", lambda x: np.vstack([0 * x[:2], share * speed + 0 * x[:1]]))
+    _put(section, "m", lambda x: np.full(x.shape[1], share * speed))
 
 
 def _put(section: ReynoldsStressSection, name: str, f: Callable[[np.ndarray], np.ndarray]) -> None:

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """A turbulent gas that develops: what a station adds to the table along the axis.
 
-Heat is carried along, one linear system a station. What the stations conserve is told: mass and
-heat to round-off, axial momentum to the error of the mesh.
+Heat is carried along, one linear system a station. What the stations conserve is told: mass, axial
+momentum and heat, all to round-off. The pressure drop is told in its parts: what the walls take,
+and what goes into the momentum flux of the part solved and of the strip at the wall.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dolfinx import fem
 
 from fem_tfm.interpolation import point_values
 from fem_tfm.materials import Gas
-from fem_tfm.models.line import Line
+from fem_tfm.models.line import Coupler, Line
 from fem_tfm.models.reynolds_stress import initial
 from fem_tfm.models.reynolds_stress.heat import GasHeat
 from fem_tfm.models.reynolds_stress.model import Heat
@@ -28,6 +29,9 @@ from fem_tfm.solvers.marching import MarchControl
 UNITS = {
     "z": "m",
     "pressure": "Pa",
+    "friction_drop": "Pa",
+    "particle_drop": "Pa",
+    "flux_drop": "Pa",
     "pressure_gradient": "Pa/m",
     "friction_factor": "-",
     "centre_to_bulk": "-",
@@ -56,6 +60,7 @@ class ReynoldsStressLine(Line):
     gas : its density, and its temperature at the inlet
     inlet : what enters
     heat, given : temperature on the station and what the walls give, None without heat
+    coupler : particles that go along, whose exchange the station holds
     others : as for `Line`
     """
 
@@ -74,9 +79,10 @@ class ReynoldsStressLine(Line):
         inlet: Inlet,
         heat: GasHeat | None = None,
         given: Heat | None = None,
+        coupler: Coupler | None = None,
     ) -> None:
-        summed = ("head",) if heat is None else ("head", "heat")
-        super().__init__(station, length, control, outlet_pressure, summed)
+        summed = ["head", "friction", "strip", "particles"] + (["heat"] if heat else [])
+        super().__init__(station, length, control, outlet_pressure, summed, coupler)
         self.density, self.temperature = gas.density, gas.temperature
         self.inlet, self.heat, self.given = inlet, heat, given
 
@@ -89,13 +95,47 @@ class ReynoldsStressLine(Line):
             self.heat.enter(0.0, excess if self.given.wall == "temperature" else 0.0)
 
     def rates(self) -> dict[str, float]:
-        """Pressure gradient, and the heat that the walls give, which is carried to the station."""
-        rates = {"head": -self.density * self.station.pressure_gradient}
+        """Gradients of the pressure and of its parts, and the heat that the walls give.
+
+        The heat is carried to the station.
+        """
+        station, share = self.station, self.density / self.station.area
+        rates = {
+            "head": -self.density * station.pressure_gradient,
+            "friction": share * station.wall_force(),
+            "strip": share * station.strip_momentum(),
+            "particles": -share * station.particle_force(),
+        }
+        if self.heat is not None:
+            if self.coupler is None:
+                self.heat.keep()
+                self.carry()
+            rates["heat"] = self.heat.warmed() - self.heat.lost()
+        return rates
+
+    def slab_begins(self, step: float) -> None:
+        """Particles are about to cross a slab."""
         if self.heat is not None:
             self.heat.keep()
+        if (exchange := self.station.exchange) is not None:
+            exchange.begin([float(w.value) for w in self.station.weights], step)
+
+    def carry(self) -> None:
+        """Temperature of the station at hand."""
+        if self.heat is not None:
             self.heat.step(self._wall_flux())
-            rates["heat"] = -self.heat.lost()
-        return rates
+
+    def slab_accepted(self) -> None:
+        """What the gas has got from the particles is entered, with the heat at hand."""
+        self.carry()
+        if self.station.exchange is not None:
+            self.station.exchange.accept()
+
+    def slab_rejected(self) -> None:
+        """Back to what the last accepted station has got from the particles."""
+        self._cool()
+        if self.station.exchange is not None:
+            self.station.exchange.put_back()
 
     def _wall_flux(self) -> float | None:
         """Heat flux of the wall over rho c_p [K m/s], None where its temperature is given."""
@@ -120,6 +160,17 @@ class ReynoldsStressLine(Line):
         state = self.station.state(self.station.now)
         return self.station.integral("momentum", state.u[2] ** 2)
 
+    def drops(self) -> dict[str, float]:
+        """Parts of the pressure drop from the inlet on [Pa]."""
+        gained = (self.momentum() - self.entered) * self.density / self.station.area
+        drops = {
+            "friction_drop": self.sums.now["friction"],
+            "flux_drop": gained + self.sums.now["strip"],
+        }
+        if self.station.exchange is not None:
+            drops["particle_drop"] = self.sums.now["particles"]
+        return drops
+
     def row(self) -> dict[str, float]:
         """One row of the table."""
         station, inlet = self.station, not self.rows
@@ -137,6 +188,7 @@ class ReynoldsStressLine(Line):
         row = {
             "z": self.z,
             "pressure": self.sums.now["head"],
+            **self.drops(),
             "pressure_gradient": math.nan if inlet else self.density * drive,
             "friction_factor": math.nan if inlet else 2 * drive * width / speed**2,
             "centre_to_bulk": float(u[2]) / speed,
@@ -162,18 +214,26 @@ class ReynoldsStressLine(Line):
         }
 
     def companions(self) -> tuple[dict[str, fem.Function], dict[str, float]]:
-        """The temperature of two stations and of their walls."""
+        """What was exchanged with particles, the temperature of two stations and of their walls."""
+        exchange = self.station.exchange
+        fields: dict[str, fem.Function] = {}
+        if exchange is not None:
+            fields |= exchange.functions()
         if self.heat is None:
-            return {}, {}
+            return fields, {}
         walls = {f"wall{i}": float(wall.value) for i, wall in enumerate(self.heat.walls)}
-        return self.heat.copies(), walls | {"imposed": self.heat.imposed}
+        return fields | self.heat.copies(), walls | {"imposed": self.heat.imposed}
 
     def take_companions(
         self, fields: Mapping[str, fem.Function], numbers: Mapping[str, float]
     ) -> None:
         """Put back what `companions` gave."""
+        if (exchange := self.station.exchange) is not None:
+            for name, function in exchange.functions().items():
+                function.x.array[:] = fields[name].x.array
+            exchange.keep()
         if self.heat is not None:
-            self.heat.restore(fields)
+            self.heat.restore({n: f for n, f in fields.items() if not n.startswith("exchange.")})
             self.heat.imposed = numbers["imposed"]
             for i, wall in enumerate(self.heat.walls):
                 wall.value = numbers[f"wall{i}"]
@@ -189,6 +249,10 @@ class ReynoldsStressLine(Line):
     def step_back(self) -> None:
         """Put the last accepted station back, after a step was cut short."""
         super().step_back()
+        self._cool()
+
+    def _cool(self) -> None:
+        """The temperature of the last accepted station."""
         if self.heat is not None:
             parts = (self.heat.now, self.heat.old, self.heat.older)
             for part, values in zip(parts, self._warmth[0], strict=True):
@@ -197,9 +261,14 @@ class ReynoldsStressLine(Line):
                 wall.value = value
 
     def balances(self) -> dict[str, float]:
-        """Relative errors of mass and heat from the inlet to the last station."""
+        """Relative errors of mass, axial momentum and heat from the inlet to the last station.
+
+        Momentum over the largest of the pressure drop and its parts.
+        """
         first = self.rows[0]["gas_mass_flow"]
         found = {"gas_mass": max(abs(row["gas_mass_flow"] / first - 1) for row in self.rows)}
+        parts = [-self.sums.now["head"], *(-drop for drop in self.drops().values())]
+        found["axial_momentum"] = abs(sum(parts)) / (max(map(abs, parts)) or 1.0)
         if self.heat is not None:
             gained, given = self.heat.bulk() * self.station.flux(), self.sums.now["heat"]
             found["heat"] = abs(gained - given) / abs(given) if given else 0.0

@@ -128,10 +128,7 @@ def profiles(found: ReynoldsStressSection) -> dict[str, NDArray[np.float64]]:
 
 
 def balances(found: ReynoldsStressSection) -> dict[str, float]:
-    """Relative errors of the flux imposed and of axial momentum, G A = force of the walls.
-
-    Momentum is not conservative; what it misses is the error of the mesh.
-    """
+    """Relative errors of the flux imposed and of axial momentum, G A = force of the walls."""
     target = float(found.newton.borders[0].target.value)
     driven, resisted = found.pressure_gradient * found.area, found.wall_force()
     return {

@@ -24,6 +24,7 @@ from fem_tfm.fenics import compile_expression, compile_form
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.section import RectangularSection
 from fem_tfm.models import section
+from fem_tfm.models.reynolds_stress.exchange import Exchange
 from fem_tfm.models.reynolds_stress.forms import (
     GasDomain,
     GasNumbers,
@@ -64,7 +65,7 @@ class Setup:
 
 
 def _names(transported: bool) -> tuple[str, ...]:
-    return ("u", "p", "e", "r", "d") if transported else ("u", "p", "e", "q")
+    return ("u", "p", "e", "m", "r", "d") if transported else ("u", "p", "e", "m", "q")
 
 
 def _element(mesh: Any, transported: bool) -> Any:
@@ -72,7 +73,7 @@ def _element(mesh: Any, transported: bool) -> Any:
     p1, p2 = (basix.ufl.element("Lagrange", cell, degree) for degree in (1, 2))
     vector = basix.ufl.blocked_element(p2, shape=(3,))
     more = [basix.ufl.blocked_element(p2, shape=(n,)) for n in (6, 4)] if transported else [p2]
-    return basix.ufl.mixed_element([vector, p1, p2, *more])
+    return basix.ufl.mixed_element([vector, p1, p2, p1, *more])
 
 
 class ReynoldsStressSection(section.Section):
@@ -84,6 +85,7 @@ class ReynoldsStressSection(section.Section):
     setup : numbers of the problem
     progress : called with a word before each form is compiled
     develops : whether it is a station of a march
+    exchange : what particles give to the gas, None without particles
     """
 
     setup: Setup
@@ -94,13 +96,17 @@ class ReynoldsStressSection(section.Section):
         setup: Setup,
         progress: Callable[[str], None] = lambda text: None,
         develops: bool = False,
+        exchange: Exchange | None = None,
     ) -> None:
         transported = setup.law.transported
         element = _element(mesh.mesh, transported)
         super().__init__(mesh, setup, _names(transported), element, develops)
         self.domain = self._domain()
         numbers = setup.bound(self._number)
-        self.model = ReynoldsStressForms(*numbers, self._axis(), self.domain)
+        self.exchange = exchange
+        self.model = ReynoldsStressForms(*numbers, self._axis(), self.domain, exchange)
+        if exchange is not None:
+            exchange.force.bind(self.state(self.now).u, self.dx)
         self._flux_form: fem.Form | None = None
         self.build(progress)
 
@@ -195,11 +201,12 @@ class ReynoldsStressSection(section.Section):
             "u": SPEED * speed,
             "p": stress,
             "e": 1.0,
+            "m": SPEED * speed,
             "r": stress,
             "d": SHEAR * speed / self.mesh.section.hydraulic_diameter,
             "q": 1.0,
         }
-        limits, follows = {"e": 1.5, "q": 1.0}, ("p", "d")
+        limits, follows = {"e": 1.5, "q": 1.0}, ("p", "m", "d")
         dofs = dict(zip(self.names, self.owned_dofs, strict=True))
         return [Block(n, dofs[n], scales[n], limits.get(n), n in follows) for n in self.names]
 
@@ -220,6 +227,17 @@ class ReynoldsStressSection(section.Section):
         """Axial force of the walls per length over the density [m3/s2]."""
         traction = self.model.traction(self.state(self.now))[2]
         return self.integral("wall force", traction, self.domain.ds_wall)
+
+    def strip_momentum(self) -> float:
+        """Axial momentum into the strip at the wall per length over the density [m3/s2]."""
+        flow = self.model.strip_momentum(self.state(self.now))
+        return self.integral("strip momentum", flow, self.domain.ds_wall)
+
+    def particle_force(self) -> float:
+        """Axial force of particles on the gas per length over the density [m3/s2]."""
+        if self.exchange is None:
+            return 0.0
+        return self.integral("particles", self.exchange.push(self.state(self.now).u)[2])
 
     @property
     def pressure_gradient(self) -> float:
