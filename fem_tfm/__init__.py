@@ -27,6 +27,7 @@ if importlib.util.find_spec("dolfinx_solver") is not None:
 if TYPE_CHECKING:
     from fem_tfm import laws
     from fem_tfm.case import Case, load
+    from fem_tfm.cloud import Cloud, Material
     from fem_tfm.errors import InputError, SolverError
     from fem_tfm.geometry.resolution import Resolution
     from fem_tfm.geometry.shapes import Bend, Duct, Pipe
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from fem_tfm.models.two_fluid.model import SectionTerms, TwoFluid
     from fem_tfm.operation import Feed, Initial, Inlet
     from fem_tfm.output.result import Result
+    from fem_tfm.output.tracked import Tracked
     from fem_tfm.scenes.developed import Developed
     from fem_tfm.scenes.developing import Developing
     from fem_tfm.scenes.statement import (
@@ -51,6 +53,7 @@ __version__ = "0.1.0"
 _HOMES = {
     "Bend": "geometry.shapes",
     "Case": "case",
+    "Cloud": "cloud",
     "Developed": "scenes.developed",
     "Developing": "scenes.developing",
     "Duct": "geometry.shapes",
@@ -61,6 +64,7 @@ _HOMES = {
     "Inlet": "operation",
     "InputError": "errors",
     "MarchNumerics": "scenes.statement",
+    "Material": "cloud",
     "Output": "scenes.statement",
     "Pipe": "geometry.shapes",
     "Reference": "scenes.statement",
@@ -72,6 +76,7 @@ _HOMES = {
     "SolverError": "errors",
     "SteadyNumerics": "scenes.statement",
     "TimeNumerics": "scenes.statement",
+    "Tracked": "output.tracked",
     "TwoFluid": "models.two_fluid.model",
     "Unsteady": "scenes.unsteady",
     "load": "case",
@@ -79,6 +84,7 @@ _HOMES = {
 __all__ = [
     "Bend",
     "Case",
+    "Cloud",
     "Developed",
     "Developing",
     "Duct",
@@ -89,6 +95,7 @@ __all__ = [
     "Inlet",
     "InputError",
     "MarchNumerics",
+    "Material",
     "Output",
     "Pipe",
     "Reference",
@@ -100,6 +107,7 @@ __all__ = [
     "SolverError",
     "SteadyNumerics",
     "TimeNumerics",
+    "Tracked",
     "TwoFluid",
     "Unsteady",
     "__version__",

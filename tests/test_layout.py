@@ -13,7 +13,7 @@ FLOORS = (
     ("geometry", "materials"),
     ("closures",),
     ("correlations", "laws"),
-    ("operation",),
+    ("operation", "cloud"),
     ("models",),
     ("scenes",),
     ("case",),

@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.tri import LinearTriInterpolator
 from numpy.typing import ArrayLike, NDArray
 
-from fem_tfm.output.files import replaced
-from fem_tfm.output.pictures import DPI, STYLE, SectionView
+from fem_tfm.output.pictures import STYLE, SectionView, save_figure
 
 # quantity, label and colour map of the two maps
 MAPS = (("u_g", "axial velocity [m/s]", "viridis"), ("k", "turbulent energy k [m²/s²]", "magma"))
@@ -57,7 +56,7 @@ def duct_picture(
         _map(axes, view, values, label, colours)
         if name == "u_g":
             _arrows(axes, view, np.asarray(fields[name])[:, :2])
-    _save(figure, path, title)
+    save_figure(figure, path, title)
 
 
 def _map(
@@ -130,7 +129,7 @@ def lines_picture(path: str | Path, lines: Mapping[str, ArrayLike], title: str =
             axes.legend(fontsize=8, frameon=False)
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
-    _save(figure, path, title)
+    save_figure(figure, path, title)
 
 
 # columns along the axis on one set of axes, with the label of their ordinate
@@ -175,11 +174,4 @@ def axis_picture(
         axes.spines[["top", "right"]].set_visible(False)
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
-    _save(figure, path, title)
-
-
-def _save(figure: Figure, path: str | Path, title: str) -> None:
-    if title:
-        figure.suptitle(title, fontsize=12)
-    with replaced(path) as temporary:
-        figure.savefig(temporary, dpi=DPI, format="png")
+    save_figure(figure, path, title)

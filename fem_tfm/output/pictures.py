@@ -187,7 +187,7 @@ def section_picture(
         _map(axes, view, values[name], LOOKS[name], _limits(name, values))
         axes.set_ylabel("y [mm]" if name == maps[0] else "", fontsize=9)
     _profiles(_row(lower, len(panels)), profile, panels)
-    _save(figure, path, title)
+    save_figure(figure, path, title)
 
 
 # quantities along an axis on one set of axes, and the label that they share
@@ -240,7 +240,7 @@ def axis_picture(
         axes.set_xlabel("z/D", fontsize=9)
     for axes in grid[len(panels) :]:
         axes.set_axis_off()
-    _save(figure, path, title)
+    save_figure(figure, path, title)
 
 
 # a plane longer than this over its height is drawn stretched, one below the other
@@ -287,7 +287,7 @@ def plane_picture(
     bar.set_label(look.label, fontsize=10)
     bar.ax.tick_params(**STYLE)
     bar.outline.set_visible(False)
-    _save(figure, path, title)
+    save_figure(figure, path, title)
 
 
 def _corners(points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -326,7 +326,7 @@ def sweep_picture(
     if len(varied) > 1 and shown:
         key = ", ".join(_with_unit(name, units) for name in varied[1:])
         grid[0].legend(fontsize=7, frameon=False, title=key, title_fontsize=7)
-    _save(figure, path, title)
+    save_figure(figure, path, title)
 
 
 def _row(figure: Any, number: int) -> NDArray[Any]:
@@ -448,7 +448,8 @@ def plot_lines(
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _save(figure: Figure, path: str | Path, title: str) -> None:
+def save_figure(figure: Figure, path: str | Path, title: str) -> None:
+    """Write a figure under its title as PNG, replaced in one step."""
     if title:
         figure.suptitle(title, fontsize=12)
     with replaced(path) as temporary:

@@ -24,7 +24,7 @@ from fem_tfm.errors import InputError
 from fem_tfm.output import result as results
 from fem_tfm.output.files import write_text
 from fem_tfm.output.result import Quantity, Result
-from fem_tfm.output.summary import MESH_ERROR, MESH_NOTE, difference, number
+from fem_tfm.output.summary import MESH_ERROR, difference, error_notes, number
 
 FILE = "report.html"
 CASE, MONITOR, LOG = "case.toml", "monitor.csv", "run.log"
@@ -143,8 +143,8 @@ def _quantities(quantities: Mapping[str, Quantity]) -> list[str]:
             off = difference(q.value, reference.value)
             cells = [reference.source or "reference", number(reference.value), "", q.unit, off]
             rows.append(f'<tr class="reference">{_cells(cells)}</tr>')
-    note = [MESH_NOTE] if any(q.error_estimate is not None for q in quantities.values()) else []
-    return ["<table>", *rows, "</table>", *(f"<p>{escape(text)}</p>" for text in note)]
+    notes = (f"<p>{escape(text)}</p>" for text in error_notes(quantities))
+    return ["<table>", *rows, "</table>", *notes]
 
 
 def _cells(values: Sequence[str], tag: str = "td") -> str:

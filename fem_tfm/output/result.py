@@ -22,6 +22,7 @@ from fem_tfm.output.files import write_text
 
 if TYPE_CHECKING:
     from fem_tfm.output.fields import Snapshot
+    from fem_tfm.output.tracked import Tracked
 
 STATUSES = ("converged", "finished", "failed", "interrupted")
 
@@ -54,7 +55,20 @@ QUANTITIES = {
     "outlet_temperature": "K",
     "bed_height": "m",
     "entrance_pressure_drop": "Pa",
+    "particle_drop": "Pa",
 }
+# of those that each material of a cloud has, named `quantity_material`
+PER_MATERIAL = {
+    "particle_exit_velocity": "m/s",
+    "particle_residence_time": "s",
+    "particle_deposition": "-",
+}
+
+
+def unit_of(name: str) -> str | None:
+    """Unit of a quantity, None where there is no such quantity."""
+    known = (unit for stem, unit in PER_MATERIAL.items() if name.startswith(f"{stem}_"))
+    return QUANTITIES.get(name) or next(known, None)
 
 
 @dataclass(frozen=True)
@@ -124,6 +138,7 @@ class Result:
     sections : arrays for scripts, such as profiles by name; not written
     fields : values of each field on `points` (n, 3) [m]: nodes, or centres of cells; on rank 0, not
         written
+    tracked : what became of the particles, None without any; not written
 
     Raises
     ------
@@ -151,6 +166,7 @@ class Result:
     sections: dict[str, Any] = field(default_factory=dict, repr=False)
     fields: dict[str, NDArray[np.float64]] = field(default_factory=dict, repr=False)
     points: NDArray[np.float64] | None = field(default=None, repr=False)
+    tracked: Tracked | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         for name, allowed in (("status", STATUSES),):
@@ -186,7 +202,7 @@ class Result:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain content of result.json: strict JSON types, null for what is not finite."""
-        hidden = ("quantities", "directory", "sections", "fields", "points")
+        hidden = ("quantities", "directory", "sections", "fields", "points", "tracked")
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in hidden}
         content["quantities"] = {name: q.as_dict() for name, q in self.quantities.items()}
         plain: dict[str, Any] = _strict(content)

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.console import Console, RenderableType
 from rich.padding import Padding
@@ -18,6 +18,7 @@ LISTED = 4
 # head of the column of errors, and what it means
 MESH_ERROR = "± mesh"
 MESH_NOTE = "± mesh: estimated error of the mesh alone; inputs carry none"
+SAMPLE_NOTE = "± of particles: twice the standard error of the parcels"
 COLOURS = {"converged": "green", "finished": "green", "failed": "red", "interrupted": "yellow"}
 
 
@@ -31,8 +32,8 @@ def print_summary(result: Result, console: Console | None = None) -> None:
         console.print(Text(result.reason, style="red"), width=width)
     if result.quantities:
         console.print(_quantities(result), width=width)
-    if any(quantity.error_estimate is not None for quantity in result.quantities.values()):
-        console.print(Text(MESH_NOTE, style="dim"), width=width)
+    for note in error_notes(result.quantities):
+        console.print(Text(note, style="dim"), width=width)
     if result.balances:
         console.print(_balances(result), width=width)
     for head, lines in (("skipped", result.skipped), ("inferred", result.inferred)):
@@ -42,6 +43,13 @@ def print_summary(result: Result, console: Console | None = None) -> None:
     if result.directory:
         # a path is left whole, so that it can be copied
         console.print(Text(f"files     {result.directory}"), soft_wrap=True)
+
+
+def error_notes(quantities: Mapping[str, Quantity]) -> list[str]:
+    """What the errors of some quantities mean, where they have any."""
+    known = {name for name, quantity in quantities.items() if quantity.error_estimate is not None}
+    sampled = {name for name in known if name.startswith("particle_exit")}
+    return [MESH_NOTE] * bool(known - sampled) + [SAMPLE_NOTE] * bool(sampled)
 
 
 def number(value: float | None, digits: int = 4) -> str:

@@ -25,6 +25,8 @@ from fem_tfm.parameters import parameter
 from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas
 from fem_tfm.scenes.kinds import Kind, register
+from fem_tfm.scenes.particles import words as cloud_words
+from fem_tfm.scenes.particles.tracking import carrier_of, follow
 from fem_tfm.scenes.physics import LARGEST_STEP, SectionPhysics
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.scene import Answer, Scene
@@ -102,6 +104,8 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
             solution = nested.solve(meshes, setup, *limits, recorder, scheme, restart)
             spent += recorder.factorisations
         found = recorder.take(solution)
+        if self.particles is not None:
+            follow(self, carrier_of(self, solution.section), recorder)
         told = {name: found[name] for name in ANSWERED if name in found}
         state = Kept(self, solution)
         return Answer(
@@ -143,15 +147,19 @@ ANSWERED = ("quantities", "errors", "balances", "notes", "references")
 def describe(scene: Scene[Any, Any], solved: str, given: str) -> dict[str, Any]:
     """What every description begins and ends with; cost goes between."""
     laws = [f"{law.family}: {law.name}" for law in scene.model.laws()]
+    cloud = scene.particles
+    if cloud is not None:
+        laws += [f"{law.family}: {law.name}" for law in cloud.laws()]
     return {
         "title": scene.title or "untitled",
         "solved": solved,
         "given": given,
         "closures": laws,
-        "skipped": scene.skipped(),
+        **({"particles": cloud_words.words(scene)} if cloud is not None else {}),
+        "skipped": scene.left_out(),
         "wall_distance": f"{1e3 * scene.wall_offset:.3g} mm",
         "inferred": list(scene.inferred) or "nothing",
-        "warnings": scene.advice() or "none",
+        "warnings": scene.warnings() or "none",
     }
 
 

@@ -30,6 +30,7 @@ from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.developed import GAS_UNREAD, UNREAD, SectionScene, describe, time_words
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas, heat_of
 from fem_tfm.scenes.kinds import Kind, register
+from fem_tfm.scenes.particles.tracking import Slabs, exchange_of, slabs_of
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.scene import Answer
 from fem_tfm.scenes.statement import MarchNumerics
@@ -53,6 +54,7 @@ class Developing(SectionScene["Physics", "LineRecorder"]):
     inlet: Inlet = parameter(doc="what enters a line", factory=Inlet)
     numerics: MarchNumerics = parameter(doc="mesh and solver", factory=MarchNumerics)
     solution: ClassVar[str] = "developing"
+    coupled_flows: ClassVar[tuple[str, ...]] = ("duct",)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -190,6 +192,7 @@ class DenseMarch(Dense):
             scene.feed.outlet_pressure or 0.0,
             scene.inlet,
             scene.solids_inlet,
+            slabs_of(scene, station, recorder),
         )
 
     def line_fields(self, line: Line) -> dict[str, Any]:
@@ -235,7 +238,10 @@ class DuctMarch(DuctGas):
         """The line before its inlet."""
         scene, heat = self.scene, None
         mesh = self.meshes(recorder.comm)[-1]()
-        station = ReynoldsStressSection(mesh, self.setup(), recorder.compiling, develops=True)
+        exchange = exchange_of(scene, mesh.mesh)
+        station = ReynoldsStressSection(
+            mesh, self.setup(), recorder.compiling, develops=True, exchange=exchange
+        )
         if scene.model.heat is not None:
             recorder.compiling("heat")
             heat = heat_of(scene, station)
@@ -248,6 +254,7 @@ class DuctMarch(DuctGas):
             scene.inlet,
             heat,
             scene.model.heat,
+            slabs_of(scene, station, recorder, exchange),
         )
 
     def line_fields(self, line: Line) -> dict[str, Any]:
@@ -306,6 +313,10 @@ class LineRecorder(Recorder):
         if self.out is not None and self.scene.output.xdmf:
             self._writer = FieldWriter(self.out / "fields", mesh.mesh, append=self.resume)
         self._due = self._next_due(line.place.z) if self.resume else 0.0
+        if isinstance(line.coupler, Slabs):
+            self.tracked = line.coupler.tracked
+            if not self.resume:
+                line.coupler.enter()
         if not self.resume:
             self._keep(line)
 
@@ -320,6 +331,8 @@ class LineRecorder(Recorder):
             self.monitor.write(values)
         told = ", ".join(f"{n} {row[n]:.4g}" for n in self.physics.monitored if n in row)
         message = f"z {place.z:.4g} of {line.length:.4g} m, {told}"
+        if isinstance(line.coupler, Slabs):
+            message += f"; {line.coupler.warning()}"
         self.progress.update(self._fraction(place.z), message)
         self.log(f"station {len(line.rows) - 1}: step {place.last:.3g} m, {message}")
         if stop.change > line.control.exchange:

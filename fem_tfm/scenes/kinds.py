@@ -20,7 +20,7 @@ from fem_tfm.parameters import Parameters, checked, in_words, key_of, kind_of
 # tables and keys outside of tables in the order of a case file; others come behind them
 ORDER = (
     "title", "flow", "solution", "inferred", "geometry", "gas", "solids", "operation", "inlet",
-    "initial", "closures", "walls", "heat", "numerics", "output", "reference",
+    "initial", "closures", "walls", "heat", "particles", "numerics", "output", "reference",
 )  # fmt: skip
 # meanings of tables that several objects share
 SHARED = {

@@ -212,7 +212,8 @@ def _plain(value: Any) -> Any:
     """A value as TOML holds it; a law and an entry of a list as a table."""
     if isinstance(value, Parameters):
         name = {"model": value.name} if isinstance(value, Closure) else {}
-        return name | {f.name: getattr(value, f.name) for f in fields(value)}
+        given = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+        return name | {key: part for key, part in given.items() if part is not None}
     if isinstance(value, Mapping):
         return {k: _plain(v) for k, v in value.items() if v is not None}
     if isinstance(value, list | tuple):

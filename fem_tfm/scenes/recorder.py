@@ -15,8 +15,11 @@ import tomli_w
 from mpi4py import MPI
 
 from fem_tfm.errors import InputError
+from fem_tfm.geometry.section import RectangularSection
 from fem_tfm.output import checkpoint
+from fem_tfm.output import tracked as of_particles
 from fem_tfm.output.files import on_root, write_text
+from fem_tfm.output.particle_pictures import deposition_picture, particle_picture
 from fem_tfm.output.profiles import Monitor
 from fem_tfm.output.result import Result, cpu_seconds, peak_memory_mb, versions
 from fem_tfm.progress import Progress
@@ -59,10 +62,11 @@ class Recorder:
     columns : of monitor.csv, with their units
 
     `section` is what is solved, with its `mesh` and number `dofs` of unknowns; None before there is
-    a state.
+    a state. `tracked` tells of its particles, if there are any.
     """
 
     section: Any = None
+    tracked: of_particles.Tracked | None = None
 
     def __init__(self, scene: Any, setting: Setting, columns: Mapping[str, str]) -> None:
         self.scene = scene
@@ -100,6 +104,14 @@ class Recorder:
     def write_files(self, result: Result) -> None:
         """Fields, tables and pictures of the state at hand, whether it is an answer or not."""
 
+    def write_all(self, result: Result) -> None:
+        """`write_files`, and what is told of the particles."""
+        self.write_files(result)
+        out, tracked = self.out, self.tracked
+        result.tracked = tracked
+        if out is not None and tracked is not None and tracked.last is not None:
+            on_root(self.comm, lambda: _write_particles(out, tracked, self.scene))
+
     def close(self) -> None:
         """Close the monitor and the log."""
         for file in (self.monitor, self._file):
@@ -115,6 +127,19 @@ class Recorder:
             on_root(self.comm, lambda: result.write(out))
 
 
+def _write_particles(out: Path, tracked: of_particles.Tracked, scene: Any) -> None:
+    """Tables, files for ParaView and pictures of the particles of a run."""
+    of_particles.write_tables(out, tracked)
+    of_particles.write_trajectories(out, tracked)
+    of_particles.write_cloud(out, tracked)
+    if scene.output.pictures:
+        size, title = scene.geometry.size, scene.title
+        round_section = not isinstance(scene.section, RectangularSection)
+        particle_picture(out / "particles.png", tracked, size, title, round_section)
+        if tracked.counts()["deposited"]:
+            deposition_picture(out / "deposition.png", tracked, title)
+
+
 def prepare(scene: Any, setting: Setting, overwrite: bool) -> None:
     """Make the directory with the complete case; a replaced run leaves none of its files.
 
@@ -128,7 +153,7 @@ def prepare(scene: Any, setting: Setting, overwrite: bool) -> None:
     def make() -> None:
         out.mkdir(parents=True, exist_ok=True)
         if overwrite:
-            for name in (checkpoint.FILE, checkpoint.BEFORE, *scene.files):
+            for name in (checkpoint.FILE, checkpoint.BEFORE, *scene.files, *of_particles.FILES):
                 (out / name).unlink(missing_ok=True)
         write_text(out / "case.toml", text)
 

@@ -17,6 +17,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from mpi4py import MPI
 
+from fem_tfm.cloud import Cloud
 from fem_tfm.errors import InputError, SolverError
 from fem_tfm.geometry.gmsh import GmshModel
 from fem_tfm.geometry.mesh import Mesh
@@ -24,11 +25,12 @@ from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.section import Section
 from fem_tfm.geometry.shapes import Shape
 from fem_tfm.operation import Feed
-from fem_tfm.output.result import QUANTITIES, Quantity, Result, versions
+from fem_tfm.output.result import Quantity, Result, unit_of, versions
 from fem_tfm.output.result import Reference as Published
 from fem_tfm.parameters import Parameters, key_of, parameter
 from fem_tfm.progress import Progress
 from fem_tfm.scenes.kinds import KINDS, Kind, check_shape, unread_words
+from fem_tfm.scenes.particles import words as cloud_words
 from fem_tfm.scenes.physics import Physics
 from fem_tfm.scenes.recorder import Recorder, Setting, prepare, results_directory
 from fem_tfm.scenes.statement import Output, Reference
@@ -49,6 +51,11 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
     feed: Feed = parameter(MISSING, doc="fluxes, hold-up, gravity", key="operation")
     _: KW_ONLY
     resolution: Resolution = parameter(doc="mesh and solver", factory=Resolution)
+    particles: Cloud | None = parameter(
+        None,
+        doc="particles that the gas carries, none without the table",
+        key="particles",
+    )
     output: Output = parameter(doc="files", factory=Output)
     title: str = parameter("", doc="one line about the case", key="title")
     inferred: tuple[str, ...] = parameter(
@@ -58,6 +65,8 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
     solution: ClassVar[str]
     # whether the state of an answer is Differentiable
     differentiable: ClassVar[bool] = False
+    # flows of which this way to solve lets the gas feel its particles
+    coupled_flows: ClassVar[tuple[str, ...]] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -68,6 +77,8 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
         self._check_shape(kind)
         self._check_feed()
         self._check_sizes()
+        if self.particles is not None:
+            cloud_words.check(self, kind.flow in self.coupled_flows)
 
     @property
     def kind(self) -> Kind:
@@ -208,6 +219,14 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
     def advice(self) -> list[str]:
         """What the user probably did not mean, one sentence each."""
 
+    def warnings(self) -> list[str]:
+        """`advice`, and what is to be said of the particles."""
+        return self.advice() + (cloud_words.advice(self) if self.particles is not None else [])
+
+    def left_out(self) -> list[str]:
+        """`skipped`, and what the particles are followed without."""
+        return self.skipped() + (cloud_words.skipped(self) if self.particles is not None else [])
+
     def mesh_model(self) -> GmshModel:
         """The mesh as Gmsh makes it (the finest, where there are several).
 
@@ -262,7 +281,7 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
         if setting.out is not None:
             prepare(self, setting, overwrite)
         recorder = self.recorder(setting)
-        for sentence in self.advice():
+        for sentence in self.warnings():
             setting.progress.warn(sentence)
         return _drive(self, recorder, previous)
 
@@ -296,7 +315,7 @@ class Answer:
     """What a scene that was solved tells.
 
     status : "converged" or "finished"
-    quantities : by name, in the units of `QUANTITIES`
+    quantities : by name, in the units of `output.result.unit_of`
     balances : relative errors [-]
     headline : the quantity that the last line of the log tells
     errors : estimated errors of quantities, where they are known
@@ -346,17 +365,21 @@ def _finish(scene: Scene[Any, Any], answer: Answer, recorder: Recorder) -> Resul
     """Quantities with their errors, balances and files of an answer."""
     recorder.lap("solve")
     result = _result(scene, answer.status, recorder)
-    errors = dict.fromkeys(answer.quantities) | dict(answer.errors)
-    result.quantities = with_references(scene, answer.quantities, errors, answer.references)
+    told, known = dict(answer.quantities), dict(answer.errors)
+    if (tracked := recorder.tracked) is not None:
+        told |= tracked.quantities()
+        known |= tracked.errors()
+    errors = dict.fromkeys(told) | known
+    result.quantities = with_references(scene, told, errors, answer.references)
     result.balances = dict(answer.balances)
     result.skipped += answer.notes
-    recorder.write_files(result)
+    recorder.write_all(result)
     recorder.save_final()
     recorder.lap("output")
     recorder.write(result)
-    name, unit = answer.headline, QUANTITIES[answer.headline].strip("-")
-    told = f"{name.replace('_', ' ')} {result[name]:.6g} {unit}".rstrip()
-    recorder.log(f"{answer.status}: {told}")
+    name, unit = answer.headline, (unit_of(answer.headline) or "").strip("-")
+    sentence = f"{name.replace('_', ' ')} {result[name]:.6g} {unit}".rstrip()
+    recorder.log(f"{answer.status}: {sentence}")
     return result
 
 
@@ -366,7 +389,7 @@ def _keep(scene: Scene[Any, Any], recorder: Recorder, status: str, reason: str) 
     recorder.log(f"{status}: {reason}")
     if recorder.section is not None:
         recorder.step_back()
-        recorder.write_files(result)
+        recorder.write_all(result)
     recorder.write(result)
 
 
@@ -382,7 +405,7 @@ def _result(scene: Scene[Any, Any], status: str, recorder: Recorder, reason: str
         dofs=solved.dofs if solved else 0,
         ranks=recorder.comm.size,
         seconds=recorder.seconds,
-        skipped=scene.skipped(),
+        skipped=scene.left_out(),
         inferred=list(scene.inferred),
         versions=versions(),
         reason=reason,
@@ -404,7 +427,7 @@ def with_references(
         references.setdefault(name, []).extend(more)
     return {
         name: Quantity(
-            value, QUANTITIES[name], errors[name], references=tuple(references.get(name, ()))
+            value, unit_of(name) or "-", errors[name], references=tuple(references.get(name, ()))
         )
         for name, value in found.items()
     }

@@ -7,7 +7,7 @@ from dataclasses import MISSING, dataclass
 from typing import ClassVar, Literal
 
 from fem_tfm.errors import InputError, nearest
-from fem_tfm.output.result import QUANTITIES
+from fem_tfm.output.result import PER_MATERIAL, QUANTITIES, unit_of
 from fem_tfm.parameters import Parameters, parameter
 
 FIELDS = (
@@ -56,9 +56,9 @@ class Reference(Parameters):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.quantity not in QUANTITIES:
-            words = "one of " + ", ".join(QUANTITIES)
-            near = nearest(self.quantity, QUANTITIES)
+        if unit_of(self.quantity) is None:
+            known = [*QUANTITIES, *(f"{name}_<material>" for name in PER_MATERIAL)]
+            words, near = "one of " + ", ".join(known), nearest(self.quantity, known)
             raise InputError("reference.quantity", self.quantity, words, near)
         if not self.source:
             raise InputError("reference.source", self.source, "a text (where it is published)")

@@ -19,7 +19,7 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -30,7 +30,7 @@ from mpi4py import MPI
 from fem_tfm.case import Case, known_keys
 from fem_tfm.errors import InputError, SolverError
 from fem_tfm.output.files import on_root, write_text
-from fem_tfm.output.result import QUANTITIES, Result
+from fem_tfm.output.result import Result, unit_of
 from fem_tfm.progress import Progress
 from fem_tfm.scenes.recorder import Setting
 from fem_tfm.scenes.scene import Answer
@@ -46,7 +46,7 @@ class Point:
     """One combination of the varied values and what came of it.
 
     number : place in the table, that of `itertools.product`
-    quantities, errors : by name, in the units of `QUANTITIES`; empty if it failed
+    quantities, errors : by name, in the units of `unit_of`; empty if it failed
     start : "cold", or "warm" from the point before
     cpu_seconds, factorisations : of the solve
     """
@@ -364,21 +364,17 @@ def _shown(value: Any) -> Any:
     return value
 
 
-def units(keys: Sequence[str]) -> dict[str, str]:
+def units(names: Iterable[str]) -> dict[str, str]:
     """Units of varied keys and of quantities."""
-    return {key: _unit(key) for key in keys} | QUANTITIES
-
-
-def _unit(key: str) -> str:
-    known = known_keys().get(key)
-    return known.unit if known else ""
+    known = known_keys()
+    return {n: known[n].unit if n in known else unit_of(n) or "" for n in names}
 
 
 def rows(sweep: Sweep, keys: Sequence[str]) -> Iterator[list[Any]]:
     """Head and rows of the table; a failed point has empty quantities and its reason."""
     solved = [p for p in sweep.points if p.solved]
     names = list(dict.fromkeys(name for p in solved for name in p.quantities))
-    told = units(keys)
+    told = units([*keys, *names])
     head = [f"{key} [{told[key]}]" if told[key] else key for key in keys]
     for name in names:
         head += [f"{name} [{told[name]}]", f"{name} error [{told[name]}]"]
@@ -409,7 +405,7 @@ def _draw(sweep: Sweep, keys: Sequence[str], title: str) -> None:
         shared = [n for n in solved[0].quantities if all(n in p.quantities for p in solved)]
         columns = {key: [_shown(p.values[key]) for p in solved] for key in keys}
         columns |= {name: [p.quantities[name] for p in solved] for name in shared}
-        sweep_picture(sweep.directory / PICTURE, columns, keys, units(keys), title)
+        sweep_picture(sweep.directory / PICTURE, columns, keys, units(columns), title)
 
 
 if __name__ == "__main__":

@@ -88,6 +88,10 @@ class Field:
         if self.rows_ahead is not None:
             self.rows, self.rows_ahead = self.rows_ahead, None
 
+    def forget(self) -> None:
+        """The rows at the beginning of the slab hold everywhere again."""
+        self.rows_ahead = None
+
     def fastest(self) -> float:
         """Largest speed at a node [m/s]."""
         both = (self.rows, self.rows_ahead)

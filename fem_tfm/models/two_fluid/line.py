@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from fem_tfm.interpolation import point_values
-from fem_tfm.models.line import Line
+from fem_tfm.models.line import Coupler, Line
 from fem_tfm.models.two_fluid.inlet import enter
 from fem_tfm.models.two_fluid.quantities import pressure_gradient, quantities
 from fem_tfm.models.two_fluid.section import TwoFluidSection
@@ -65,8 +65,10 @@ class TwoFluidLine(Line):
         outlet_pressure: float,
         inlet: Inlet,
         solids: tuple[float, float] | None,
+        coupler: Coupler | None = None,
     ) -> None:
-        super().__init__(station, length, control, outlet_pressure, ("head", "driven", "resisted"))
+        summed = ("head", "driven", "resisted")
+        super().__init__(station, length, control, outlet_pressure, summed, coupler)
         self.inlet, self.solids = inlet, solids
 
     def enter(self) -> None:

@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Particles of a scene on their way through its gas: one section all along, or slab by slab."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from fem_tfm.cloud import Cloud, parcels
+from fem_tfm.materials import Solids
+from fem_tfm.models.carrier import Carrier, SectionCarrier
+from fem_tfm.models.particles.cloud import INSIDE, OUT, Parcels
+from fem_tfm.models.particles.sinks import Sinks
+from fem_tfm.models.particles.tracker import Forces, Tracker
+from fem_tfm.models.reynolds_stress.exchange import Exchange
+from fem_tfm.output.tracked import Moment, Tracked
+from fem_tfm.scenes.particles.words import gas_flow
+
+ADDED_MASS = 0.5
+
+
+def forces_of(scene: Any) -> Forces:
+    """Forces on the particles of a scene."""
+    cloud: Cloud = scene.particles
+    wanted = set(cloud.forces)
+    still = (0.0, 0.0, 0.0)
+    return Forces(
+        drag=cloud.drag,
+        gravity=scene.gravity if "gravity" in wanted else still,
+        pressure_gradient="pressure-gradient" in wanted,
+        saffman="saffman" in wanted,
+        magnus="magnus" in wanted,
+        added_mass=ADDED_MASS if "added-mass" in wanted else 0.0,
+        heat=cloud.heat,
+    )
+
+
+def carrier_of(scene: Any, section: Any) -> Carrier:
+    """The gas of a section as the particles of a scene see it."""
+    return SectionCarrier(section, scene.model.gas, scene.particles.dispersion)
+
+
+def entering(scene: Any) -> tuple[Parcels, NDArray[np.int32]]:
+    """All parcels of a scene as they enter, by material, and the entry of each."""
+    cloud: Cloud = scene.particles
+    section, made, entries, count = scene.geometry.section("none"), [], [], 0
+    for number, material in enumerate(cloud.materials):
+        feed = parcels(cloud, number, section, gas_flow(scene))
+        speed = scene.feed.gas_velocity if material.velocity is None else material.velocity
+        warmth = material.temperature
+        made.append(
+            Parcels.release(
+                np.column_stack([feed.x, feed.y, np.zeros_like(feed.x)]),
+                np.array([0.0, 0.0, speed]),
+                Solids(material.density, material.diameter),
+                rate=feed.rate,
+                number=number,
+                diameter=feed.diameter,
+                temperature=scene.model.gas.temperature if warmth is None else warmth,
+                first_id=count,
+            )
+        )
+        entries.append(feed.entry)
+        count += len(feed.x)
+    return Parcels.concatenate(made), np.concatenate(entries)
+
+
+class Tracking:
+    """The parcels of a scene, dealt out to the ranks.
+
+    Attributes
+    ----------
+    tracked : what is told of them, the same on every rank
+    """
+
+    def __init__(self, scene: Any, carrier: Carrier, comm: MPI.Comm) -> None:
+        cloud: Cloud = scene.particles
+        self.scene, self.carrier, self.comm = scene, carrier, comm
+        self.tracker = Tracker(
+            [Solids(one.density, one.diameter) for one in cloud.materials],
+            forces_of(scene),
+            cloud.dispersion,
+            cloud.impact,
+            seed=cloud.seed,
+            heat_capacity=[one.heat_capacity for one in cloud.materials],
+        )
+        whole, entry = entering(scene)
+        self.parcels = whole.share(comm)
+        per_material = max(len(whole) // len(cloud.materials), 1)
+        wanted = min(cloud.traced, per_material)
+        places = np.linspace(0, per_material - 1, wanted, dtype=np.int64)
+        traced = [places + n * per_material for n in range(len(cloud.materials))]
+        self.tracked = Tracked(
+            materials=[one.name for one in cloud.materials],
+            area=scene.geometry.area,
+            material=whole.material,
+            entry=entry,
+            diameter=whole.diameter,
+            mass=whole.mass,
+            rate=whole.rate,
+            traced=np.concatenate(traced),
+        )
+
+    def to(
+        self,
+        z: float,
+        sinks: Sinks | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        """Move every parcel inside to a place along the line [m]."""
+        self.tracker.advance(
+            self.parcels, self.carrier.field, until_z=z, sinks=sinks, progress=progress
+        )
+
+    def sample(self, z: float) -> None:
+        """Tell what is at a place (collective)."""
+        whole, moment = self.parcels.gather(self.comm), None
+        if whole is not None:
+            inside = (whole.status == INSIDE) | (whole.status == OUT)
+            moment = Moment(z, whole.time, whole.x, whole.v, inside), whole.status
+        self.tracked.take(*self.comm.bcast(moment))
+
+    def leave(self, z: float) -> None:
+        """What has come to the end of the line is out."""
+        self.parcels.leave(z * (1 - 1e-6))
+
+    def warning(self) -> str:
+        """The early-warning line: mean velocities, and what is no longer inside."""
+        speeds = (f"{n} {self.tracked.rows[n][-1]['velocity']:.3g} m/s" for n in self.tracked.rows)
+        lost = {k: v for k, v in self.tracked.counts().items() if v and k not in ("inside", "out")}
+        gone = "".join(f", {number} {fate}" for fate, number in lost.items())
+        return f"{', '.join(speeds)}{gone}"
+
+
+def follow(scene: Any, carrier: Carrier, recorder: Any) -> None:
+    """Particles of a scene whose gas is the same all along the line.
+
+    The recorder keeps what is told of them, as they go.
+    """
+    carrier.update()
+    tracking = Tracking(scene, carrier, recorder.comm)
+    recorder.tracked = tracking.tracked
+    length, stations = scene.geometry.length, scene.particles.stations
+    recorder.progress.stage(f"following {len(tracking.tracked.material)} parcels")
+    tracking.sample(0.0)
+    for z in np.linspace(0.0, length, stations + 1)[1:]:
+        tracking.to(float(z))
+        if z == length:
+            tracking.leave(length)
+        tracking.sample(float(z))
+        message = f"z {z:.4g} of {length:.4g} m, {tracking.warning()}"
+        recorder.progress.update(float(z / length), message)
+    recorder.log(f"particles: {message}")
+
+
+def exchange_of(scene: Any, mesh: Any) -> Exchange | None:
+    """What the gas of a march gets from its particles, None where it feels nothing."""
+    cloud: Cloud | None = scene.particles
+    if cloud is None or cloud.coupling == "one-way":
+        return None
+    return Exchange(mesh, lateral=cloud.lateral, heat=cloud.heat)
+
+
+def slabs_of(
+    scene: Any, station: Any, recorder: Any, exchange: Exchange | None = None
+) -> Slabs | None:
+    """The particles of a march, None without any."""
+    if scene.particles is None:
+        return None
+    return Slabs(scene, carrier_of(scene, station), recorder.comm, exchange)
+
+
+class Slabs(Tracking):
+    """Particles that go down a line with its gas, slab by slab between two stations.
+
+    exchange : what the gas of the station gets from them, None where it feels nothing
+    """
+
+    def __init__(
+        self, scene: Any, carrier: Carrier, comm: MPI.Comm, exchange: Exchange | None
+    ) -> None:
+        super().__init__(scene, carrier, comm)
+        self.exchange = exchange
+        heat = max(one.heat_capacity for one in scene.particles.materials)
+        self.sinks = None
+        if exchange is not None:
+            warms = heat if exchange.heat is not None else None
+            self.sinks = Sinks.of(carrier.grid, self.parcels, comm, warms)
+        self._begun = self.parcels.copy()
+        self.given = 0.0
+
+    def enter(self) -> None:
+        """Stand at the inlet, whose state the station holds."""
+        self.carrier.update()
+        self.sample(0.0)
+
+    # -- what a line asks of its coupler -------------------------------------------------------
+
+    def begin(self, start: float, end: float) -> None:
+        """A slab is tried [m]."""
+        self.span = start, end
+        self.carrier.field.keep(start, end)
+
+    def trace(self, station: Any) -> float:
+        """Cross the slab with the gas at hand; the relative change of what the gas gets."""
+        start, end = self.span
+        self.carrier.update()
+        self.parcels.assign(self._begun)
+        if self.sinks is None or self.exchange is None:
+            self.to(end)
+            return 0.0
+        sinks = self.sinks
+        sinks.clear()
+        self.to(end, sinks)
+        sinks.reduce(self.comm)
+        return self._renew(station, end - start)
+
+    def _renew(self, station: Any, step: float) -> float:
+        """Tell the station what the particles have taken over a step [m]."""
+        assert self.exchange is not None and self.sinks is not None
+        carrier, sinks = self.carrier, self.sinks
+        own = carrier.grid.owned
+        # mass of the gas in the mirror images of each cell, over the step
+        mass = carrier.field.density * carrier.grid.sizes * station.mesh.section.area_factor * step
+        mass = mass[own]
+        warm: dict[str, Any] = {}
+        if self.exchange.heat is not None:
+            capacity = mass * carrier.field.heat_capacity
+            warm["heat"] = -sinks.heat[own] / capacity
+            warm["heat_slope"] = sinks.heat_slope[own] / capacity
+        force = -sinks.impulse[own] / mass[:, None]
+        slope = sinks.slope[own] / mass
+        return self.exchange.renew(force, slope, station.pressure_gradient, **warm)
+
+    def accept(self) -> None:
+        """The slab counts as it was crossed last."""
+        end = self.span[1]
+        if self.sinks is not None:
+            self.given += float(self.sinks.impulse[:, 2].sum())
+        self.carrier.update()
+        self.carrier.field.settle()
+        if end >= self.scene.geometry.length * (1 - 1e-9):
+            self.leave(end)
+        self._begun = self.parcels.copy()
+        self.sample(end)
+
+    def reject(self) -> None:
+        """Back to the beginning of the slab."""
+        self.parcels.assign(self._begun)
+        self.carrier.field.forget()
+
+    def state(self) -> Mapping[str, NDArray[Any]]:
+        """Whole arrays from which `restore` goes on (collective)."""
+        whole = self.parcels.gather(self.comm)
+        own = {} if whole is None else {f"parcels.{n}": v for n, v in whole.arrays().items()}
+        told = {f"tracked.{n}": v for n, v in self.tracked.state().items()}
+        return own | told | {"given": np.array(self.given)}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Put back what `state` gave; the station holds its gas already."""
+
+        def part(name: str) -> dict[str, NDArray[Any]]:
+            stem = f"{name}."
+            return {n.removeprefix(stem): v for n, v in arrays.items() if n.startswith(stem)}
+
+        self.parcels = Parcels.from_arrays(part("parcels")).share(self.comm)
+        self._begun = self.parcels.copy()
+        self.tracked.restore(part("tracked"))
+        self.given = float(arrays["given"])
+        self.carrier.update()
+
+    # -- balances ------------------------------------------------------------------------------
+
+    def balances(self) -> dict[str, float]:
+        """Relative errors: parcels without a fate, and momentum given against momentum gained.
+
+        The second holds where nothing but the gas moves the particles.
+        """
+        counts = self.tracked.counts()
+        missing = abs(len(self.tracked.material) - sum(counts.values()))
+        return {"particles": missing / max(len(self.tracked.material), 1)}

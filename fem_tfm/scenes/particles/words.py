@@ -1,0 +1,132 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a scene says of its particles: what it refuses, warns of, and does without."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from fem_tfm.cloud import Cloud, Material
+from fem_tfm.errors import InputError
+
+# above this loading the gas feels the particles, above this fraction particles meet each other
+ONE_WAY_LOADING, DILUTE = 0.05, 1e-3
+# beyond this fraction a cloud of parcels is no model
+DENSE = 0.1
+# measured: steps of a parcel over a line in units of its eddies, CPU time of a step [s]
+STEP_TIME, SLAB_TRACES = 9e-8, 4.0
+
+
+def gas_flow(scene: Any) -> float:
+    """Mass flow of the gas of a scene [kg/s]."""
+    area, density = scene.geometry.area, scene.model.gas.density
+    return float(scene.feed.gas_velocity * area * density)
+
+
+def entrance_fraction(scene: Any, material: Material) -> float:
+    """Volume fraction of a material where it enters [-]."""
+    flow = scene.particles.mass_flow(material, gas_flow(scene))
+    speed = scene.feed.gas_velocity if material.velocity is None else material.velocity
+    if speed <= 0:
+        return math.inf
+    return float(flow / (material.density * scene.geometry.area * speed))
+
+
+def check(scene: Any, two_way: bool) -> None:
+    """Refuse a cloud that does not fit a scene.
+
+    two_way : whether the kind of scene couples both ways
+
+    Raises
+    ------
+    InputError
+        a particle or a point lies outside the section, coupling that the scene cannot do, or more
+        particles than a cloud of parcels can stand for.
+    """
+    cloud: Cloud = scene.particles
+    width, height = scene.geometry.size
+    if cloud.coupling == "two-way" and not two_way:
+        words = (
+            f"'one-way' for {scene.kind}; flow = 'duct' with solution = 'developing' couples both"
+            " ways"
+        )
+        raise InputError("particles.coupling", cloud.coupling, words)
+    section = scene.geometry.section("none")
+    for point in cloud.points:
+        x, y = point[:2]
+        outside = abs(x) > width / 2 or abs(y) > height / 2
+        if outside or float(np.min(section.wall_distance(np.array([[x], [y]])))) < 1e-6 * width:
+            words = f"points inside the section, which reaches {width / 2:g} m from the axis"
+            raise InputError("particles.points", point, words)
+    for number, material in enumerate(cloud.materials):
+        key = f"particles.materials[{number}]"
+        largest = float(material.sizes(np.ones(1))[0])
+        if largest >= min(width, height):
+            words = f"a diameter below {min(width, height):g} m, to fit in the section"
+            raise InputError(f"{key}.diameter", largest, words)
+        fraction = entrance_fraction(scene, material)
+        if not fraction < DENSE:
+            words = (
+                f"one at which less than {DENSE:g} of the volume is particles (here"
+                f" {fraction:.2g}); flow = 'dense' solves more"
+            )
+            raise InputError(f"{key}.velocity", material.velocity, words)
+
+
+def advice(scene: Any) -> list[str]:
+    """What the user probably did not mean, one sentence each."""
+    cloud: Cloud = scene.particles
+    said, loading = [], cloud.loading(gas_flow(scene))
+    # materials of a cloud that is not coupled do not share the gas
+    heaviest = max(cloud.mass_flow(m, gas_flow(scene)) for m in cloud.materials)
+    one_way = cloud.coupling == "one-way"
+    alone = heaviest / gas_flow(scene)
+    if one_way and alone > ONE_WAY_LOADING:
+        said.append(
+            f"a loading of {alone:.3g} is not one-way: the gas gives its momentum to the particles,"
+            " and its pressure drop and velocities are not those of the gas alone;"
+            " particles.coupling = 'two-way' with solution = 'developing' solves both"
+        )
+    fraction = max(entrance_fraction(scene, m) for m in cloud.materials)
+    if fraction > DILUTE:
+        said.append(
+            f"particles fill {fraction:.2g} of the volume where they enter and collide with each"
+            " other, which is left out"
+        )
+    if not one_way and loading > 0 and cloud.parcels * cloud.entries < 5000:
+        said.append(
+            f"{cloud.parcels * cloud.entries} parcels make a rough force on the gas; some 500 a"
+            " point are needed, 2000 a point are good"
+        )
+    return said
+
+
+def skipped(scene: Any) -> list[str]:
+    """What the particles are followed without, and why."""
+    cloud, left_out = scene.particles, []
+    if cloud.coupling == "one-way":
+        left_out.append("force of the particles on the gas: particles.coupling = one-way")
+    if "gravity" not in cloud.forces:
+        left_out.append("weight of the particles: not in particles.forces")
+    left_out.append("collisions between particles: for dilute clouds")
+    if not cloud.heat:
+        left_out.append("heat of the particles: particles.heat = false")
+    return left_out
+
+
+def words(scene: Any) -> str:
+    """What is followed and what it takes."""
+    cloud: Cloud = scene.particles
+    count = cloud.parcels * cloud.entries
+    loading = cloud.loading(gas_flow(scene))
+    names = ", ".join(m.name for m in cloud.materials)
+    total = count * len(cloud.materials)
+    # eddies live for some 0.2 k/eps, about a twentieth of the time to cross the section
+    eddies = 20 * scene.geometry.length / scene.geometry.hydraulic_diameter
+    time = STEP_TIME * total * eddies * (SLAB_TRACES if cloud.coupling == "two-way" else 1.0)
+    return (
+        f"{names}: {count} parcels each, {cloud.coupling}, loading {loading:.3g}; about"
+        f" {time:.1g} s to follow them"
+    )

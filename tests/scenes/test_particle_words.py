@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a scene refuses of its particles, what it warns of, and what it says it does without."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import fem_tfm as ft
+from fem_tfm.case import Case
+from fem_tfm.errors import InputError
+
+DUCT = ft.Duct(width=0.2, length=1.0)
+MODEL = ft.ReynoldsStress(ft.Gas(1.2, 1.8e-5), wall_distance=8e-4)
+
+
+def ash(**more: Any) -> ft.Material:
+    return ft.Material("ash", 1800, 1.4e-4, **{"mass_flow": 0.01, "velocity": 20.0} | more)
+
+
+def scene(cls: Any = ft.Developed, *, material: ft.Material | None = None, **cloud: Any) -> Any:
+    made = ft.Cloud((material or ash(),), **cloud)
+    return cls(MODEL, DUCT, ft.Feed(22.0), particles=made)
+
+
+@pytest.mark.parametrize(
+    ("cloud", "material", "key", "words"),
+    [
+        ({"coupling": "two-way"}, {}, "particles.coupling", "solution = 'developing' couples"),
+        ({"injection": "points", "points": ((0.1, 0.0, 1.0),)}, {}, "particles.points", "0.1 m"),
+        ({"injection": "points", "points": ((0.3, 0.0, 1.0),)}, {}, "particles.points", "inside"),
+        (
+            {},
+            {"diameter": 0.09, "size": "lognormal", "spread": 2.0},
+            "materials[0].diameter",
+            "0.2",
+        ),
+        ({}, {"mass_flow": 4000.0}, "materials[0].velocity", "flow = 'dense'"),
+        ({}, {"velocity": 0.0}, "materials[0].velocity", "less than 0.1 of the volume"),
+    ],
+)
+def test_a_cloud_that_does_not_fit_is_refused(
+    cloud: dict[str, Any], material: dict[str, Any], key: str, words: str
+) -> None:
+    given = {
+        "name": "ash",
+        "density": 1800,
+        "diameter": 1.4e-4,
+        "mass_flow": 0.01,
+        "velocity": 20.0,
+    }
+    with pytest.raises(InputError, match=words) as caught:
+        scene(material=ft.Material(**{**given, **material}), **cloud)
+    assert caught.value.key.endswith(key)
+
+
+def test_a_march_couples_both_ways() -> None:
+    assert scene(ft.Developing, coupling="two-way").particles.coupling == "two-way"
+
+
+def test_a_loading_that_the_gas_feels_is_told() -> None:
+    assert not any("one-way" in text for text in scene().warnings())
+    heavy = scene(material=ash(mass_flow=2.0))
+    assert any("a loading of 1.89 is not one-way" in text for text in heavy.warnings())
+    both = scene(ft.Developing, material=ash(mass_flow=2.0), coupling="two-way", parcels=90000)
+    assert not any("one-way" in text for text in both.warnings())
+
+
+def test_particles_that_meet_each_other_are_told() -> None:
+    close = scene(material=ash(mass_flow=1.0, velocity=2.0))
+    assert any("collide" in text for text in close.warnings())
+    apart = scene(material=ash(mass_flow=0.01))
+    assert not any("collide" in text for text in apart.warnings())
+
+
+def test_few_parcels_of_a_coupled_cloud_are_told() -> None:
+    rough = scene(ft.Developing, coupling="two-way", parcels=200)
+    assert any("rough force" in text for text in rough.warnings())
+
+
+def test_a_description_tells_of_the_particles() -> None:
+    told = scene().describe()
+    assert "ash: 500 parcels each, one-way, loading 0.00947" in told["particles"]
+    assert "particle-dispersion: langevin" in told["closures"]
+    assert any("weight of the particles" in text for text in told["skipped"])
+    without = ft.Developed(MODEL, DUCT, ft.Feed(22.0)).describe()
+    assert "particles" not in without
+    assert not any("particle" in text for text in without["skipped"])
+
+
+def test_a_case_file_says_the_same() -> None:
+    tables = {
+        "flow": "duct",
+        "geometry": {"shape": "duct", "width": 0.2, "length": 1.0},
+        "gas": {"density": 1.2, "viscosity": 1.8e-5},
+        "operation": {"gas_superficial_velocity": 22.0},
+        "walls": {"distance": 8e-4},
+        "particles": {
+            "dispersion": {"model": "langevin", "C_L": 0.3},
+            "materials": [{"name": "ash", "density": 1800, "diameter": 1.4e-4, "loading": 0.01}],
+        },
+    }
+    case = Case.from_dict(tables)
+    assert case.scene.particles.dispersion == ft.laws.Langevin(C_L=0.3)
+    assert Case.from_dict(case.tables) == case
+    wrong = tables | {"particles": {"materials": [{"name": "ash", "densty": 1}]}}
+    with pytest.raises(InputError) as caught:
+        Case.from_dict(wrong)
+    assert caught.value.key == "particles.materials[0].densty"
+    assert caught.value.suggestion == "density"
