@@ -64,9 +64,10 @@ class StokesCloud:
         share = 1 - np.exp(-self.time(gas[:, 2], before[:, 2]) / self.tau)
         self.ended = before.copy()
         self.ended[:, :count] = before[:, :count] - away * share[:, None]
-        over = self.flux / self.step
-        given = over * (before - self.ended)
-        slope = over * share * self.implicit
+        # sums over the whole section, as a tracker makes them, on the quarter that is solved
+        sums = 4 * self.flux * exchange.force.volumes
+        given = exchange.force.spread(sums[:, None] * (before - self.ended), 1 / 4)
+        slope = exchange.force.spread(sums * share * self.implicit, 1 / 4)
         warm = {"heat": given[:, 3], "heat_slope": slope} if count == 4 else {}
         calm = {"damping": np.full(len(gas), self.damping)} if self.damping else {}
         drive = station.pressure_gradient

@@ -104,6 +104,14 @@ class Source:
         """Integral of what was given and not felt yet, times length (collective)."""
         return self.total(self._values(self.owed))
 
+    def spread(self, sums: Array, share: float) -> Array:
+        """Mean over the slab of what sums over cells amount to, over their volume.
+
+        sums : of owned cells over the whole section
+        share : of the whole section that is solved; 1/4 where cells hold what four quarters give
+        """
+        return (share * sums.T / (self.volumes * self._step)).T
+
     # -- a slab --------------------------------------------------------------------------------
 
     def begin(self, weights: Sequence[float], step: float) -> None:
