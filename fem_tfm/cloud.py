@@ -136,7 +136,9 @@ class Cloud(Parameters):
     heat: bool = parameter(False, doc="particles exchange heat with the gas")
     modulation: bool = parameter(False, doc="particles damp the turbulence of the gas")
     lateral: bool = parameter(False, doc="particles push the gas across the axis too")
-    stations: int = parameter(60, doc="places along the line where particles are told", ge=2)
+    stations: int = parameter(
+        60, doc="places along the line where particles are told", ge=2, le=10**5
+    )
     traced: int = parameter(
         50, doc="trajectories of each material that are written", ge=0, le=10**5
     )

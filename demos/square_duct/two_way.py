@@ -16,9 +16,8 @@ scene = ft.Developing(
     ft.Duct(width=0.2, length=16.0),
     ft.Feed(22.0),
     inlet=ft.Inlet(gas_intensity=0.05, length_scale=0.07),
-    particles=ft.Cloud(
-        (ash,), coupling="two-way", injection="points", points=points, parcels=2000
-    ),
+    particles=ft.Cloud((ash,), coupling="two-way", injection="points", points=points, parcels=2000),
+    numerics=ft.MarchNumerics(axial_accuracy=0.1),
     resolution=ft.Resolution(level=2),
 )
 

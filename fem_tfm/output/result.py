@@ -55,7 +55,9 @@ QUANTITIES = {
     "outlet_temperature": "K",
     "bed_height": "m",
     "entrance_pressure_drop": "Pa",
+    "friction_drop": "Pa",
     "particle_drop": "Pa",
+    "flux_drop": "Pa",
 }
 # of those that each material of a cloud has, named `quantity_material`
 PER_MATERIAL = {

@@ -197,6 +197,12 @@ class Tracked:
         status = self.status if name is None else self.status[self.of(name)]
         return {fate: int((status == n).sum()) for n, fate in enumerate(FATES)}
 
+    def balances(self) -> dict[str, float]:
+        """Share of the mass flow that has entered and has no fate [-]."""
+        flow = self.mass * self.rate
+        found = sum(float(flow[self.status == n].sum()) for n in range(len(FATES)))
+        return {"particle_mass": abs(found / float(flow.sum()) - 1)}
+
     def exit_velocity(self, name: str) -> tuple[float, float]:
         """Mean axial velocity at the last place, and its standard error [m/s].
 

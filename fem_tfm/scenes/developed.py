@@ -108,6 +108,8 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
             follow(self, carrier_of(self, solution.section), recorder)
         told = {name: found[name] for name in ANSWERED if name in found}
         state = Kept(self, solution)
+        if recorder.tracked is not None:
+            told["balances"] = {**told["balances"], **recorder.tracked.balances()}
         return Answer(
             "converged",
             headline=physics.headline,

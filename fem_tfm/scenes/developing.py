@@ -89,6 +89,8 @@ class Developing(SectionScene["Physics", "LineRecorder"]):
         recorder.begin(line)
         line.march(recorder.station, recorder.retry)
         balances = line.balances()
+        if isinstance(line.coupler, Slabs):
+            balances |= line.coupler.balances(physics.force_on_particles(line))
         worst = max(balances, key=lambda name: balances[name])
         if not balances[worst] <= physics.balance_error:
             raise SolverError(f"the balance of {worst} is broken by {balances[worst]:.1e}")
@@ -195,6 +197,10 @@ class DenseMarch(Dense):
             slabs_of(scene, station, recorder),
         )
 
+    def force_on_particles(self, line: Line) -> float:
+        """0: the gas feels no particles."""
+        return 0.0
+
     def line_fields(self, line: Line) -> dict[str, Any]:
         """Fields of the station at hand."""
         assert isinstance(line, TwoFluidLine)
@@ -256,6 +262,10 @@ class DuctMarch(DuctGas):
             scene.model.heat,
             slabs_of(scene, station, recorder, exchange),
         )
+
+    def force_on_particles(self, line: Line) -> float:
+        """Axial force of the gas on the particles, along the whole line [N]."""
+        return line.sums.now["particles"] * line.station.area * self.section.area_factor
 
     def line_fields(self, line: Line) -> dict[str, Any]:
         """Fields of the station at hand, with those of the heat."""

@@ -131,6 +131,15 @@ class Grid:
         """Areas [m2] or volumes [m3] of the cells."""
         return self.cell.sizes(self.points[self.nodes])
 
+    def linear(self, values: Floats) -> Floats:
+        """Nodal values whose interpolant is linear between vertices, from those at the nodes (n,).
+
+        Positive values stay positive in between, which those of degree two need not.
+        """
+        found = np.empty_like(values)
+        found[self.nodes] = values[self.nodes] @ self.cell.linear.T
+        return found
+
     def _bins(self) -> tuple[Floats, Floats, npt.NDArray[np.int64], Integers]:
         """Corner, size and number of bins, and the cell nearest to each."""
         centres = self.points[self.nodes].mean(axis=1)

@@ -47,6 +47,20 @@ class Cell:
     powers: tuple[tuple[int, ...], ...]
     rule: Callable[[], tuple[Floats, Floats]]
 
+    @property
+    def linear(self) -> Floats:
+        """Weights (nodes, nodes) that give each node the linear interpolant of the vertices."""
+        ref, vertices = self.reference, sorted({n for facet in self.facets for n in facet})
+        corners = ref[vertices]
+        weights = np.zeros((len(ref), len(ref)))
+        if ref.min() < 0:
+            weights[:, vertices] = np.prod((1 + ref[:, None] * corners) / 2, axis=2)
+        else:
+            rest = 1 - ref.sum(axis=1, keepdims=True)
+            at_origin = corners.sum(axis=1) == 0
+            weights[:, vertices] = np.where(at_origin, rest, ref @ corners.T)
+        return weights
+
     def coefficients(self, nodes: Floats) -> Floats:
         """Coefficients of the monomials of the maps, shape (cells, 1 + powers, dim) [m]."""
         powers = ((0,) * self.dim, *self.powers)

@@ -47,6 +47,7 @@ UNITS = {
 }
 # quantities of the outlet that a result tells
 AT_OUTLET = (
+    "friction_drop", "particle_drop", "flux_drop",
     "pressure_gradient", "friction_factor", "gas_mass_flow", "centre_to_bulk",
     "secondary_velocity_max", "axis_energy", "smallest_stress", "nusselt",
 )  # fmt: skip

@@ -275,11 +275,15 @@ class Slabs(Tracking):
 
     # -- balances ------------------------------------------------------------------------------
 
-    def balances(self) -> dict[str, float]:
-        """Relative errors: parcels without a fate, and momentum given against momentum gained.
+    def balances(self, lost: float) -> dict[str, float]:
+        """Relative errors: of the mass flow, and of axial momentum between gas and particles.
 
-        The second holds where nothing but the gas moves the particles.
+        lost : axial force of the gas on the particles by the books of the line [N]
         """
-        counts = self.tracked.counts()
-        missing = abs(len(self.tracked.material) - sum(counts.values()))
-        return {"particles": missing / max(len(self.tracked.material), 1)}
+        found = self.tracked.balances()
+        if self.exchange is not None and self.given:
+            station = self.scene.section
+            owed = float(self.exchange.force.outstanding()[2])
+            owed *= self.carrier.field.density * station.area_factor
+            found["particle_momentum"] = abs(lost - owed - self.given) / abs(self.given)
+        return found
