@@ -466,9 +466,9 @@ struct Stepper {
         f8 e;
         f8 drift = mean_decay(h, e) * dt * inverse_root(1.0f + h * h * (1.0f / 12));
         // tau_p/T of the last step; the drift fades with inertia
-        if (o.inertia) {
+        if (o.inertia > 0) {
             const f8 rate = load(s.rate);
-            drift *= rate / (rate + g.rate + 1e-30f);
+            drift *= rate / (rate + (float)o.inertia * g.rate + 1e-30f);
         }
         if (o.crossing > 0) {
             crossing(g, m, h, v, xi, n, chance, now);
