@@ -14,6 +14,7 @@ from fem_tfm.cloud import Cloud, parcels
 from fem_tfm.materials import Solids
 from fem_tfm.models.carrier import Carrier, SectionCarrier
 from fem_tfm.models.particles.cloud import INSIDE, OUT, Parcels
+from fem_tfm.models.particles.field import TIME
 from fem_tfm.models.particles.sinks import Sinks
 from fem_tfm.models.particles.tracker import Forces, Tracker
 from fem_tfm.models.reynolds_stress.exchange import Exchange
@@ -162,7 +163,7 @@ def exchange_of(scene: Any, mesh: Any) -> Exchange | None:
     cloud: Cloud | None = scene.particles
     if cloud is None or cloud.coupling == "one-way":
         return None
-    return Exchange(mesh, lateral=cloud.lateral, heat=cloud.heat)
+    return Exchange(mesh, lateral=cloud.lateral, heat=cloud.heat, damping=cloud.modulation)
 
 
 def slabs_of(
@@ -234,7 +235,22 @@ class Slabs(Tracking):
             warm["heat_slope"] = sinks.heat_slope[own] / capacity
         force = -sinks.impulse[own] / mass[:, None]
         slope = sinks.slope[own] / mass
+        if self.exchange.damping is not None:
+            warm["damping"] = self._damping(slope)
         return self.exchange.renew(force, slope, station.pressure_gradient, **warm)
+
+    def _damping(self, slope: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Rate at which particles that do not follow the eddies damp them, in each cell [1/s].
+
+        gamma = beta tau_p/(tau_p + T_L), with tau_p the mean of the particles in the cell
+        """
+        assert self.sinks is not None
+        grid, rows = self.carrier.grid, self.carrier.field.rows_ahead
+        assert rows is not None
+        own, drag = grid.owned, self.sinks.slope
+        relaxation = self.sinks.residence / np.where(drag > 0, drag, np.inf)
+        life = rows[grid.nodes, TIME].mean(axis=1)
+        return np.asarray(slope * (relaxation / (relaxation + life))[own])
 
     def accept(self) -> None:
         """The slab counts as it was crossed last."""

@@ -53,6 +53,12 @@ def check(scene: Any, two_way: bool) -> None:
             " ways"
         )
         raise InputError("particles.coupling", cloud.coupling, words)
+    if cloud.heat and getattr(scene.model, "heat", None) is None:
+        words = "false without a table [heat], for the gas has no temperature of its own"
+        raise InputError("particles.heat", True, words)
+    if cloud.modulation and not cloud.dispersion.turbulent:
+        words = "false with particles.dispersion = 'none', which knows no eddies"
+        raise InputError("particles.modulation", True, words)
     section = scene.geometry.section("none")
     for point in cloud.points:
         x, y = point[:2]
