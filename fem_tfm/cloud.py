@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats import qmc
 
-from fem_tfm.closures.base import Closure, law
+from fem_tfm.closures.base import Closure, law, optional_law
 from fem_tfm.closures.drag import Drag
 from fem_tfm.closures.particles.dispersion import ParticleDispersion
 from fem_tfm.closures.particles.impact import ImpactLaw
+from fem_tfm.closures.particles.wear import Wear
 from fem_tfm.errors import InputError
 from fem_tfm.geometry.section import RectangularSection, Section
 from fem_tfm.parameters import Parameters, parameter
@@ -133,6 +134,9 @@ class Cloud(Parameters):
         "particle-dispersion", "langevin", "scattering by turbulence", "particles.dispersion"
     )
     impact: ImpactLaw = law("impact", "elastic", "impact on a wall", "particles.impact")
+    wear: Wear | None = parameter(
+        None, doc="wear of the walls, none without a law", convert=optional_law("wear")
+    )
     heat: bool = parameter(False, doc="particles exchange heat with the gas")
     modulation: bool = parameter(False, doc="particles damp the turbulence of the gas")
     lateral: bool = parameter(False, doc="particles push the gas across the axis too")
@@ -170,7 +174,8 @@ class Cloud(Parameters):
 
     def laws(self) -> list[Closure]:
         """The laws that are used."""
-        return [self.drag, self.dispersion, self.impact]
+        wear = [] if self.wear is None else [self.wear]
+        return [self.drag, self.dispersion, self.impact, *wear]
 
     def mass_flow(self, material: Material, gas_flow: float) -> float:
         """Mass flow of a material [kg/s] beside that of the gas [kg/s]."""

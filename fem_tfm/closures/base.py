@@ -199,6 +199,11 @@ def law(family: str, default: str, doc: str, key: str) -> Any:
     return parameter(default, doc=doc, key=key, convert=convert)
 
 
+def optional_law(family: str) -> Callable[[Any, str], Closure | None]:
+    """`convert` of a field that holds a law of a family, or None."""
+    return lambda spec, where: None if spec is None else make(family, spec, where)
+
+
 def wall_distance_field() -> Any:
     """Field of a model: distance from the wall at which its wall laws act [m]."""
     doc = "distance of the wall law, default that of the flow"

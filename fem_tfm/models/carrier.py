@@ -24,6 +24,7 @@ from fem_tfm.materials import Gas
 from fem_tfm.models.particles.field import Field
 from fem_tfm.models.particles.grid import Floats, Gathered, Grid
 from fem_tfm.models.particles.sinks import Sinks
+from fem_tfm.models.reynolds_stress.heat import GasHeat
 from fem_tfm.models.reynolds_stress.section import ReynoldsStressSection
 from fem_tfm.models.section import Section
 from fem_tfm.models.two_fluid.section import TwoFluidSection
@@ -108,9 +109,24 @@ class ReynoldsStressCarrier(_SectionCarrier):
     """A duct's gas by Reynolds stresses or by its eddy viscosity.
 
     Nodes whose stresses are not realisable are counted in `field.clipped`.
+
+    heat : the temperature of the section, None where it has none
     """
 
     section: ReynoldsStressSection
+    heat: GasHeat | None = None
+
+    def warm(self, heat: GasHeat, heat_capacity: float) -> None:
+        """Let particles see the temperature of the gas; its c_p [J/kg/K]."""
+        self.heat, field = heat, self.field
+        field.heat_capacity = heat_capacity
+        field.conductivity = self.gas.viscosity * heat_capacity / heat.prandtl
+        self._warm_dofs = self.gathered.at_nodes(heat.space.sub(0).dofmap)
+
+    def _temperature(self) -> Floats:
+        """Temperature at the nodes that this rank gives [K]."""
+        base = np.full(len(self.gathered.places), float(self.gas.temperature))
+        return base if self.heat is None else base + self.heat.now.x.array[self._warm_dofs]
 
     def update(self) -> None:
         """Read velocity, stresses, T_L and the log law of the strip (collective)."""
@@ -137,9 +153,11 @@ class ReynoldsStressCarrier(_SectionCarrier):
             self.dispersion.life(k, eps)[:, None],
             (1 - np.asarray(covered) / distance)[:, None],
             gradient,
+            self._temperature()[:, None],
         ]
         whole = self.gathered.gather(np.concatenate(columns, axis=1))
         self.field.fill(
+            temperature=whole[:, 17],
             velocity=whole[:, :3],
             stress=whole[:, 3:12].reshape(-1, 3, 3) if turbulent else None,
             time=whole[:, 12] if turbulent else None,

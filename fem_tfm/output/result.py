@@ -58,6 +58,7 @@ QUANTITIES = {
     "friction_drop": "Pa",
     "particle_drop": "Pa",
     "flux_drop": "Pa",
+    "wear": "kg/s",
 }
 # of those that each material of a cloud has, named `quantity_material`
 PER_MATERIAL = {

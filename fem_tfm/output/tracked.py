@@ -24,10 +24,11 @@ from numpy.typing import NDArray
 
 from fem_tfm.output.files import replaced
 from fem_tfm.output.profiles import write_profiles
+from fem_tfm.output.wear import WearMap
 
 FILES = (
     "particles.csv", "entries.csv", "trajectories.vtu", "cloud.vtu", "deposits.csv", "wear.csv",
-    "particles.png", "deposition.png",
+    "particles.png", "deposition.png", "wear.png",
 )  # fmt: skip
 # what may become of a parcel, in the order of its status
 FATES = ("inside", "out", "deposited", "lost", "stuck")
@@ -80,6 +81,7 @@ class Tracked:
     lines : time, place and velocity of the traced parcels at each place, shape (traced, 7)
     first, last : all parcels at the entrance and at the last place
     status : what became of each parcel, an index of `FATES`
+    wear : impacts on the walls, None without a law of wear
     """
 
     materials: Sequence[str]
@@ -95,6 +97,7 @@ class Tracked:
     lines: list[NDArray[np.float64]] = field(default_factory=list)
     first: Moment | None = None
     last: Moment | None = None
+    wear: WearMap | None = None
     status: NDArray[np.int8] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -167,6 +170,8 @@ class Tracked:
             if (moment := getattr(self, key)) is not None:
                 parts = {f.name: np.asarray(getattr(moment, f.name)) for f in fields(Moment)}
                 found |= {f"{key}.{name}": value for name, value in parts.items()}
+        if self.wear is not None:
+            found |= {f"wear.{name}": value for name, value in self.wear.state().items()}
         return found
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -180,6 +185,8 @@ class Tracked:
             parts = {f.name: arrays[f"{key}.{f.name}"] for f in fields(Moment)}
             place = float(parts.pop("z"))
             setattr(self, key, Moment(place, **parts))
+        if self.wear is not None:
+            self.wear.restore({name: arrays[f"wear.{name}"] for name in ("edges", "sums")})
 
     # -- what it tells -------------------------------------------------------------------------
 
@@ -234,6 +241,8 @@ class Tracked:
             found[f"particle_exit_velocity_{name}"] = self.exit_velocity(name)[0]
             found[f"particle_residence_time_{name}"] = self.residence_time(name)
             found[f"particle_deposition_{name}"] = self.deposited(name)
+        if self.wear is not None:
+            found["wear"] = self.wear.total
         return found
 
     def errors(self) -> dict[str, float]:

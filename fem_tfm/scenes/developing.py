@@ -260,7 +260,7 @@ class DuctMarch(DuctGas):
             scene.inlet,
             heat,
             scene.model.heat,
-            slabs_of(scene, station, recorder, exchange),
+            slabs_of(scene, station, recorder, exchange, heat),
         )
 
     def force_on_particles(self, line: Line) -> float:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, Field, fields
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from fem_tfm.closures.base import Closure
 from fem_tfm.errors import InputError, nearest
@@ -129,7 +129,8 @@ def _value(cls: Any, f: Field[Any], values: Mapping[str, Any], kind: Kind) -> An
         found = found.get(name) if isinstance(found, Mapping) else None  # type: ignore[assignment]
     if found is None and _must_be_given(f):
         raise InputError(key, None, allowed(cls, f))
-    listed = get_args(kind_of(cls, f))
+    held = kind_of(cls, f)
+    listed = get_args(held) if get_origin(held) is tuple else ()
     if found is None or not (listed and isinstance(listed[0], type)):
         return found
     if not issubclass(listed[0], Parameters):

@@ -136,3 +136,33 @@ def test_particles_of_a_developed_gas_come_closer_to_it(tmp_path: Path) -> None:
     assert abs(mean - 20.34) < 0.2 + 3 * error
     assert found.balances["particle_mass"] < 1e-12
     assert (tmp_path / "trajectories.vtu").is_file() and (tmp_path / "cloud.vtu").is_file()
+
+
+def test_hot_particles_warm_the_gas_by_what_they_lose() -> None:
+    hot = ASH | {"loading": 1.0, "temperature": 400.0, "heat_capacity": 800.0}
+    changes = {"particles.materials": [hot], "particles.heat": True, "heat.wall": "flux"}
+    found = run(case(**changes, **{"heat.wall_flux": 0.0, "gas.temperature": 300.0}))
+    assert found.balances["heat"] < 1e-8
+    assert found.balances["particle_heat"] < 1e-8
+    # equal capacities of 1.006 and 0.8 parts would end at 344 K; the way is too short for that
+    assert 302 < found["outlet_temperature"] < 344
+
+
+def test_damping_takes_turbulence_from_the_gas(coupled: Result) -> None:
+    found = run(case(**{"particles.modulation": True}))
+    assert found["axis_energy"] < 0.98 * coupled["axis_energy"]
+    assert found.balances["particle_momentum"] < 1e-10
+
+
+def test_wear_is_mapped_where_particles_hit(tmp_path: Path) -> None:
+    one = developed(**{"particles.wear": "oka", "geometry.length": 2.0})
+    found = run(one.with_values({"output.pictures": True}), tmp_path)
+    assert found.tracked is not None and found.tracked.wear is not None
+    table = found.tracked.wear.columns()
+    assert found["wear"] > 0
+    area = 4 * 0.2 * 2.0
+    assert np.mean(table["removed"]) * area == pytest.approx(found["wear"], rel=1e-9)
+    assert 0 < np.nanmean(table["angle"]) < 30
+    bounces = table["impacts"].mean() * area
+    assert bounces > 0
+    assert {"wear.csv", "wear.png"} <= {path.name for path in tmp_path.iterdir()}

@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from fem_tfm.cloud import Cloud, parcels
 from fem_tfm.materials import Solids
-from fem_tfm.models.carrier import Carrier, SectionCarrier
+from fem_tfm.models.carrier import Carrier, ReynoldsStressCarrier, SectionCarrier
 from fem_tfm.models.particles.cloud import INSIDE, OUT, Parcels
 from fem_tfm.models.particles.field import TIME
 from fem_tfm.models.particles.sinks import Sinks
-from fem_tfm.models.particles.tracker import Forces, Tracker
+from fem_tfm.models.particles.tracker import Forces, Impacts, Tracker
 from fem_tfm.models.reynolds_stress.exchange import Exchange
+from fem_tfm.models.reynolds_stress.heat import GasHeat
 from fem_tfm.output.tracked import Moment, Tracked
+from fem_tfm.output.wear import WearMap
 from fem_tfm.scenes.particles.words import gas_flow
 
 ADDED_MASS = 0.5
@@ -40,9 +42,12 @@ def forces_of(scene: Any) -> Forces:
     )
 
 
-def carrier_of(scene: Any, section: Any) -> Carrier:
-    """The gas of a section as the particles of a scene see it."""
-    return SectionCarrier(section, scene.model.gas, scene.particles.dispersion)
+def carrier_of(scene: Any, section: Any, heat: GasHeat | None = None) -> Carrier:
+    """The gas of a section as the particles of a scene see it, with its temperature."""
+    carrier = SectionCarrier(section, scene.model.gas, scene.particles.dispersion)
+    if heat is not None and isinstance(carrier, ReynoldsStressCarrier):
+        carrier.warm(heat, scene.model.heat.heat_capacity)
+    return carrier
 
 
 def entering(scene: Any) -> tuple[Parcels, NDArray[np.int32]]:
@@ -105,6 +110,9 @@ class Tracking:
             rate=whole.rate,
             traced=np.concatenate(traced),
         )
+        self.wear = WearMap(scene.geometry.section("none").perimeter) if cloud.wear else None
+        self.tracked.wear = self.wear
+        self.impacts: Impacts | None = None
 
     def to(
         self,
@@ -113,8 +121,14 @@ class Tracking:
         progress: Callable[[float], None] | None = None,
     ) -> None:
         """Move every parcel inside to a place along the line [m]."""
+        self.impacts = None if self.wear is None else Impacts()
         self.tracker.advance(
-            self.parcels, self.carrier.field, until_z=z, sinks=sinks, progress=progress
+            self.parcels,
+            self.carrier.field,
+            until_z=z,
+            sinks=sinks,
+            impacts=self.impacts,
+            progress=progress,
         )
 
     def sample(self, z: float) -> None:
@@ -124,6 +138,22 @@ class Tracking:
             inside = (whole.status == INSIDE) | (whole.status == OUT)
             moment = Moment(z, whole.time, whole.x, whole.v, inside), whole.status
         self.tracked.take(*self.comm.bcast(moment))
+        if self.impacts is not None:
+            self._enter_impacts(z)
+
+    def _enter_impacts(self, end: float) -> None:
+        """Put the impacts of the last stretch on the map of wear (collective)."""
+        law = self.scene.particles.wear
+        assert self.impacts is not None and self.wear is not None
+        hits, own = self.impacts.arrays(), self.parcels
+        at, v = hits["index"], hits["v"]
+        speed = np.linalg.norm(v, axis=1)
+        across = np.abs((v * hits["normal"]).sum(axis=1))
+        angle = np.arcsin(np.clip(across / np.maximum(speed, 1e-30), 0.0, 1.0))
+        removed = law.removed(speed, angle, own.mass[at], own.diameter[at])
+        sums = WearMap.summed(hits["x"], speed, angle, own.rate[at], removed)
+        self.wear.add(end, self.comm.allreduce(sums))
+        self.impacts = None
 
     def leave(self, z: float) -> None:
         """What has come to the end of the line is out."""
@@ -167,12 +197,16 @@ def exchange_of(scene: Any, mesh: Any) -> Exchange | None:
 
 
 def slabs_of(
-    scene: Any, station: Any, recorder: Any, exchange: Exchange | None = None
+    scene: Any,
+    station: Any,
+    recorder: Any,
+    exchange: Exchange | None = None,
+    heat: GasHeat | None = None,
 ) -> Slabs | None:
     """The particles of a march, None without any."""
     if scene.particles is None:
         return None
-    return Slabs(scene, carrier_of(scene, station), recorder.comm, exchange)
+    return Slabs(scene, carrier_of(scene, station, heat), recorder.comm, exchange)
 
 
 class Slabs(Tracking):
@@ -192,7 +226,9 @@ class Slabs(Tracking):
             warms = heat if exchange.heat is not None else None
             self.sinks = Sinks.of(carrier.grid, self.parcels, comm, warms)
         self._begun = self.parcels.copy()
-        self.given = 0.0
+        # momentum and heat that the gas has given so far
+        self.given = self.warmed = 0.0
+        self._entered = float(comm.allreduce(float(self.parcels.mass_flow @ self._enthalpy())))
 
     def enter(self) -> None:
         """Stand at the inlet, whose state the station holds."""
@@ -257,6 +293,8 @@ class Slabs(Tracking):
         end = self.span[1]
         if self.sinks is not None:
             self.given += float(self.sinks.impulse[:, 2].sum())
+            if self.sinks.heat_sums is not None:
+                self.warmed += float(self.sinks.heat.sum())
         self.carrier.update()
         self.carrier.field.settle()
         if end >= self.scene.geometry.length * (1 - 1e-9):
@@ -274,7 +312,7 @@ class Slabs(Tracking):
         whole = self.parcels.gather(self.comm)
         own = {} if whole is None else {f"parcels.{n}": v for n, v in whole.arrays().items()}
         told = {f"tracked.{n}": v for n, v in self.tracked.state().items()}
-        return own | told | {"given": np.array(self.given)}
+        return own | told | {"given": np.array([self.given, self.warmed])}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Put back what `state` gave; the station holds its gas already."""
@@ -286,7 +324,7 @@ class Slabs(Tracking):
         self.parcels = Parcels.from_arrays(part("parcels")).share(self.comm)
         self._begun = self.parcels.copy()
         self.tracked.restore(part("tracked"))
-        self.given = float(arrays["given"])
+        self.given, self.warmed = map(float, arrays["given"])
         self.carrier.update()
 
     # -- balances ------------------------------------------------------------------------------
@@ -302,4 +340,13 @@ class Slabs(Tracking):
             owed = float(self.exchange.force.outstanding()[2])
             owed *= self.carrier.field.density * station.area_factor
             found["particle_momentum"] = abs(lost - owed - self.given) / abs(self.given)
+        if self.exchange is not None and self.exchange.heat is not None and self.warmed:
+            gained = float(self.comm.allreduce(float(self.parcels.mass_flow @ self._enthalpy())))
+            found["particle_heat"] = abs(gained - self._entered - self.warmed) / abs(self.warmed)
         return found
+
+    def _enthalpy(self) -> NDArray[np.float64]:
+        """c_p T of each parcel [J/kg]."""
+        return np.asarray(
+            self.tracker.heat_capacity[self.parcels.material] * self.parcels.temperature
+        )

@@ -56,6 +56,9 @@ def check(scene: Any, two_way: bool) -> None:
     if cloud.heat and getattr(scene.model, "heat", None) is None:
         words = "false without a table [heat], for the gas has no temperature of its own"
         raise InputError("particles.heat", True, words)
+    if cloud.heat and not two_way:
+        words = f"false for {scene.kind}, where the temperature of the gas has no origin"
+        raise InputError("particles.heat", True, words)
     if cloud.modulation and not cloud.dispersion.turbulent:
         words = "false with particles.dispersion = 'none', which knows no eddies"
         raise InputError("particles.modulation", True, words)
