@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import MISSING, Field, dataclass, field, fields
 from typing import Any, get_args, get_origin
 
-from fem_tfm.closures.base import Closure, names
+from fem_tfm.closures.base import Closure, every_law, names
 from fem_tfm.errors import InputError
 from fem_tfm.geometry.shapes import Shape
-from fem_tfm.parameters import Parameters, checked, in_words, key_of, kind_of
+from fem_tfm.parameters import Parameters, in_words, key_of, kind_of
 
 # tables and keys outside of tables in the order of a case file; others come behind them
 ORDER = (
@@ -115,17 +115,36 @@ class Key:
     @property
     def is_law(self) -> bool:
         """Whether it holds a law."""
-        kind = kind_of(self.cls, self.field)
-        return isinstance(kind, type) and issubclass(kind, Closure)
+        return self._law is not None
+
+    @property
+    def _law(self) -> type[Closure] | None:
+        """Interface of the law that it holds, perhaps besides None."""
+        held = kind_of(self.cls, self.field)
+        kinds = (held,) if isinstance(held, type) else get_args(held)
+        laws = (k for k in kinds if isinstance(k, type) and issubclass(k, Closure))
+        return next(laws, None)
 
     @property
     def allowed(self) -> str:
         """What it may hold, in words without unit and meaning."""
-        if self.is_law:
-            family = checked(self.cls, self.field, self.default).family
+        if (kind := self._law) is not None:
+            family = next(law.family for law in every_law() if issubclass(law, kind))
             return f"one of {', '.join(names(family))} (fem-tfm models {family})"
         kind, limits = kind_of(self.cls, self.field), self.field.metadata.get("limits", {})
+        entry = next(iter(get_args(kind)), None) if get_origin(kind) is tuple else None
+        if isinstance(entry, type) and issubclass(entry, Parameters):
+            told = ", ".join(_entry_in_words(f) for f in fields(entry))
+            return f"a list of tables with the keys {told}"
         return in_words(kind, limits)
+
+
+def _entry_in_words(f: Field[Any]) -> str:
+    """A key of a table in a list: "diameter [m]", and its default."""
+    unit = str(f.metadata.get("unit", "")).strip("-")
+    must = f.default is MISSING and f.default_factory is MISSING
+    default = "" if must or f.default is None else f" = {f.default}"
+    return f"{f.name}{f' [{unit}]' if unit else ''}{default}"
 
 
 def parts_of(cls: type[Parameters], f: Field[Any], kind: Kind) -> list[type[Parameters]]:
