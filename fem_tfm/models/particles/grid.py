@@ -18,6 +18,7 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from fem_tfm import _kernel
+from fem_tfm.errors import InputError
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.section import RectangularSection, Section
 from fem_tfm.models.particles import shapes
