@@ -155,9 +155,10 @@ class Tracking:
         self.wear.add(end, self.comm.allreduce(sums))
         self.impacts = None
 
-    def leave(self, z: float) -> None:
-        """What has come to the end of the line is out."""
-        self.parcels.leave(z * (1 - 1e-6))
+    def leave(self) -> None:
+        """What is inside has come to the end of the line and is out."""
+        status = self.parcels.status
+        status[status == INSIDE] = OUT
 
     def warning(self) -> str:
         """The early-warning line: mean velocities, and what is no longer inside."""
@@ -181,7 +182,7 @@ def follow(scene: Any, carrier: Carrier, recorder: Any) -> None:
     for z in np.linspace(0.0, length, stations + 1)[1:]:
         tracking.to(float(z))
         if z == length:
-            tracking.leave(length)
+            tracking.leave()
         tracking.sample(float(z))
         message = f"z {z:.4g} of {length:.4g} m, {tracking.warning()}"
         recorder.progress.update(float(z / length), message)
@@ -298,7 +299,7 @@ class Slabs(Tracking):
         self.carrier.update()
         self.carrier.field.settle()
         if end >= self.scene.geometry.length * (1 - 1e-9):
-            self.leave(end)
+            self.leave()
         self._begun = self.parcels.copy()
         self.sample(end)
 
