@@ -107,15 +107,21 @@ inline double first_bend(const Geometry& g, const Body& body, double normal[3]) 
     };
     if (!(at(1.0) > 0.0)) return 2.0;
     double low = 0.0, high = 1.0;
-    if (at(0.0) < 0.0) {
-        for (int pass = 0; pass < 52; ++pass) {
-            const double middle = 0.5 * (low + high);
-            (at(middle) > 0.0 ? high : low) = middle;
+    if (at(0.0) >= 0.0) {
+        // on the wall: either into it, or away from it to another
+        bend_normal(g, x, body.radius, normal);
+        if (dot(body.path, normal) > 0.0) return 0.0;
+        for (low = 1e-9; low < 1.0 && at(low) >= 0.0; low *= 4.0) {
         }
-        at(low);
+        if (low >= 1.0) return 2.0;
     }
+    for (int pass = 0; pass < 52; ++pass) {
+        const double middle = 0.5 * (low + high);
+        (at(middle) > 0.0 ? high : low) = middle;
+    }
+    at(low);
     bend_normal(g, x, body.radius, normal);
-    return dot(body.path, normal) > 0.0 ? low : 2.0;
+    return low;
 }
 
 // whether a point of a triangle's plane lies in it, or less than `slack` beside it

@@ -246,7 +246,12 @@ class Gathered:
         start = sum(comm.allgather(cells.size_local)[: comm.rank])
         owned = number[start : start + cells.size_local]
         grid = Grid(
-            cell, nodes, points, Walls.of(mesh.section), FOLDS[mesh.section.symmetry], owned
+            cell,
+            nodes,
+            points,
+            Walls.of(mesh.section, mesh.length, mesh.arc),
+            FOLDS[mesh.section.symmetry],
+            owned,
         )
         # a node is given by the rank of the first cell that has it
         width = nodes.shape[1]
