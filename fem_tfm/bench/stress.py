@@ -30,6 +30,8 @@ from fem_tfm.errors import SolverError
 from fem_tfm.solvers.easing import MeshTerms
 
 SEED, CASES, SETS = 2024, 200, 26
+# a law of lone particles that agrees with schiller-naumann; the cases stay those that were measured
+LEFT_OUT = ("clift-gauvin",)
 # ranges of the numbers: low, high, and whether the logarithm is uniform
 RANGES = {
     "operation.solids_fraction": (0.02, 0.55, False),
@@ -97,7 +99,7 @@ def _column(
 
     Without transported turbulence those that need it are left out; with it, a turbulence must be.
     """
-    laws: dict[str, Any] = {name: make(family, name) for name in names(family)}
+    laws: dict[str, Any] = {n: make(family, n) for n in names(family) if n not in LEFT_OUT}
     known = [n for n, law in laws.items() if turbulent or not getattr(law, "needs_k", False)]
     if family == "turbulence":
         known = [name for name in known if laws[name].transported]

@@ -72,7 +72,9 @@ def _trajectories(axes: Any, tracked: Tracked, name: str, size: Sequence[float])
             )
     if image is not None:
         image.set_clim(0, max(float(tracked.column(name, "fastest").max()), 1e-9))
-    axes.set_ylim(-500 * size[1], 500 * size[1])
+    low, high = axes.get_ylim()
+    # a line that bends leaves the height of its inlet
+    axes.set_ylim(min(low, -500 * size[1]), max(high, 500 * size[1]))
     axes.set_xlabel("z [m]", fontsize=8)
     axes.set_ylabel("y [mm]", fontsize=8)
     axes.set_title(f"{name}: trajectories", fontsize=9)
@@ -96,7 +98,7 @@ def _entrance(axes: Any, tracked: Tracked, name: str, size: Sequence[float]) -> 
     """Where parcels enter, coloured by their entry."""
     assert tracked.first is not None
     some = _some(tracked.of(name))
-    at = 1e3 * tracked.first.x[some]
+    at = 1e3 * tracked.first.across[some]
     axes.scatter(at[:, 0], at[:, 1], c=tracked.entry[some] % 20, s=2, cmap="tab20", linewidths=0)
     _section(axes, size)
     axes.set_title("entrance, by entry", fontsize=9)
@@ -106,9 +108,9 @@ def _outlet(axes: Any, tracked: Tracked, name: str, size: Sequence[float]) -> No
     """Where parcels leave, coloured by their axial velocity."""
     assert tracked.last is not None
     some = _some(tracked.of(name) & tracked.last.inside)
-    at = 1e3 * tracked.last.x[some]
+    at = 1e3 * tracked.last.across[some]
     image = axes.scatter(
-        at[:, 0], at[:, 1], c=tracked.last.v[some, 2], s=2, cmap="viridis", linewidths=0
+        at[:, 0], at[:, 1], c=tracked.last.along[some], s=2, cmap="viridis", linewidths=0
     )
     _section(axes, size)
     bar = axes.figure.colorbar(image, ax=axes, shrink=0.8)
@@ -126,7 +128,7 @@ def _along(
     if len(entries) > 1:
         # the middle of what belongs to an entry
         at = np.array(
-            [tracked.first.x[chosen & (tracked.entry == one), :2].mean(axis=0) for one in entries]
+            [tracked.first.across[chosen & (tracked.entry == one)].mean(axis=0) for one in entries]
         )
         group = groups(at, size, round_section)
         means = np.array(tracked.by_entry[name])[:, entries]

@@ -53,6 +53,8 @@ class Moment:
     time : since each of them entered, shape (n,) [s]
     x, v : places (n, 3) [m] and velocities (n, 3) [m/s]
     inside : which parcels are there, shape (n,)
+    along : speed along the axis, shape (n,) [m/s]; default that along z
+    across : coordinates across the axis, shape (n, 2) [m]; default x and y
     """
 
     z: float
@@ -60,6 +62,14 @@ class Moment:
     x: NDArray[np.float64]
     v: NDArray[np.float64]
     inside: NDArray[np.bool_]
+    along: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    across: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        if not self.along.size:
+            self.along = self.v[:, 2]
+        if not self.across.size:
+            self.across = self.x[:, :2]
 
 
 @dataclass
@@ -126,7 +136,7 @@ class Tracked:
         """Means over the parcels of a material, each counted by its mass flow."""
         entered = float((self.mass * self.rate)[chosen].sum())
         here = chosen & moment.inside
-        flow, w = (self.mass * self.rate)[here], moment.v[here, 2]
+        flow, w = (self.mass * self.rate)[here], moment.along[here]
         if not len(w):
             return {"z": moment.z, "share": 0.0} | dict.fromkeys(list(UNITS)[1:-1], math.nan)
         mean = float(np.average(w, weights=flow))
@@ -138,17 +148,23 @@ class Tracked:
             "velocity_sd": float(np.sqrt(np.average((w - mean) ** 2, weights=flow))),
             "slowest": float(w.min()),
             "fastest": float(w.max()),
-            "across": float(np.average(np.hypot(*moment.v[here, :2].T), weights=flow)),
+            "across": float(np.average(self._across(moment, here), weights=flow)),
             # what passes stays for 1/w on every metre
             "alpha_p": float((volume / np.maximum(w, 1e-9)).sum()) / self.area,
             "share": float(flow.sum()) / entered,
         }
 
+    @staticmethod
+    def _across(moment: Moment, here: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Speed across the axis [m/s]."""
+        square = (moment.v[here] ** 2).sum(axis=1) - moment.along[here] ** 2
+        return np.asarray(np.sqrt(np.maximum(square, 0.0)))
+
     def _entries(self, moment: Moment, chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
         here = chosen & moment.inside
         flow, count = (self.mass * self.rate)[here], int(self.entry.max(initial=0)) + 1
         total = np.bincount(self.entry[here], flow, count)
-        moved = np.bincount(self.entry[here], flow * moment.v[here, 2], count)
+        moved = np.bincount(self.entry[here], flow * moment.along[here], count)
         with np.errstate(invalid="ignore"):
             return np.asarray(moved / total)
 

@@ -24,6 +24,7 @@ from fem_tfm.geometry.mesh import Mesh, axial_layers, line_cells, line_mesh, lin
 from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.section import Section
 from fem_tfm.geometry.shapes import Bend, Duct, Pipe
+from fem_tfm.models.carrier import LineCarrier
 from fem_tfm.models.finite_volume import Inflow, Report, UnsteadyFlow, UnsteadyProblem
 from fem_tfm.models.two_fluid.model import TwoFluid
 from fem_tfm.operation import Initial, Inlet
@@ -36,6 +37,7 @@ from fem_tfm.parameters import parameter
 from fem_tfm.scenes import dense
 from fem_tfm.scenes.developed import describe
 from fem_tfm.scenes.kinds import Kind, register
+from fem_tfm.scenes.particles.line import follow_line
 from fem_tfm.scenes.physics import SECTION_FILES, Physics
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.samples import MEANS, Plane, Probes, Sections, Table, columns
@@ -245,6 +247,8 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
                 if request.on_any(recorder.comm):
                     raise KeyboardInterrupt
         flow = section.flow
+        if self.particles is not None:
+            follow_line(self, LineCarrier(flow, self.particles.dispersion), recorder)
         return Answer("finished", flow.quantities(), flow.balances(), "pressure_drop")
 
     def skipped(self) -> list[str]:

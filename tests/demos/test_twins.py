@@ -32,6 +32,8 @@ def test_the_demos_have_twins() -> None:
     dense = ("bend90", "case3", "developing", "dune", "startup", "swept_bed")
     assert {f"dense_pipe/{name}" for name in dense} <= told
     assert {"square_duct/developing", "square_duct/gas"} <= told
+    assert {"square_duct/particles", "square_duct/two_way"} <= told
+    assert {"dilute/bend", "dilute/pipe"} <= told
 
 
 @pytest.mark.parametrize("demo", TWINS, ids=lambda demo: f"{demo.parent.name}/{demo.name}")

@@ -166,3 +166,57 @@ def test_wear_is_mapped_where_particles_hit(tmp_path: Path) -> None:
     bounces = table["impacts"].mean() * area
     assert bounces > 0
     assert {"wear.csv", "wear.png"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def bend(**changes: Any) -> Case:
+    tables: dict[str, Any] = {
+        "solution": "unsteady",
+        "geometry": {"shape": "bend", "diameter": 0.05, "length": 0.6, "bend_radius": 0.1},
+        "gas": {"density": 1.2, "viscosity": 1.8e-5},
+        "operation": {"gas_superficial_velocity": 10.0},
+        "initial": {"state": "inlet"},
+        "numerics": {"level": 1, "end_time": 0.05, "courant": 5.0, "axial_cells": 30},
+        "particles": {
+            "impact": "stick",
+            "dispersion": "none",
+            "parcels": 1000,
+            "materials": [
+                {"name": "middle", "density": 2000, "diameter": 2e-5, "loading": 0.01},
+                {"name": "coarse", "density": 2000, "diameter": 6e-5, "loading": 0.01},
+            ],
+        },
+        "output": {"pictures": False, "xdmf": False},
+    }
+    return Case.from_dict(tables).with_values(changes)
+
+
+@pytest.mark.mpi
+def test_dust_stays_on_the_outer_wall_of_a_bend() -> None:
+    found = run(bend())
+    tracked = found.tracked
+    assert tracked is not None and tracked.last is not None
+    for name in ("middle", "coarse"):
+        counts = tracked.counts(name)
+        assert counts["inside"] == counts["lost"] == counts["stuck"] == 0
+        assert counts["out"] + counts["deposited"] == 1000
+    # Pui, Romay-Novas and Liu (1987): 1 - 10^(-0.963 St) with St = 0.99 and 8.9
+    assert found["particle_deposition_middle"] == pytest.approx(0.89, abs=0.08)
+    assert found["particle_deposition_coarse"] == pytest.approx(1.0, abs=0.01)
+    # it turns upwards, so the outer wall is below and beyond
+    lying = tracked.last.x[(tracked.status == 2) & tracked.of("coarse")]
+    assert np.median(lying[:, 2]) > 0.25
+    assert tracked.column("coarse", "share")[0] == pytest.approx(1.0)
+
+
+def test_a_straight_line_in_space_carries_like_its_section() -> None:
+    straight = {"geometry.shape": "pipe", "geometry.bend_radius": None, "particles.impact": None}
+    one = bend(**straight, **{"numerics.axial_cells": 20, "particles.wear": "finnie"})
+    found = run(one)
+    tracked = found.tracked
+    assert tracked is not None
+    assert tracked.counts()["out"] == 2000
+    velocity = tracked.column("middle", "velocity")
+    # particles that follow a gas that has no slip but at the wall keep near its mean
+    assert np.abs(velocity / 10.0 - 1).max() < 0.15
+    assert tracked.residence_time("middle") == pytest.approx(0.06, rel=0.1)
+    assert len(tracked.wear.sums) == 60 if tracked.wear else False

@@ -23,6 +23,7 @@ from fem_tfm.output.tracked import Moment, Tracked
 from fem_tfm.output.wear import WearMap
 from fem_tfm.scenes.particles.words import gas_flow
 
+type Floats = NDArray[np.float64]
 ADDED_MASS = 0.5
 
 
@@ -143,17 +144,22 @@ class Tracking:
 
     def _enter_impacts(self, end: float) -> None:
         """Put the impacts of the last stretch on the map of wear (collective)."""
-        law = self.scene.particles.wear
         assert self.impacts is not None and self.wear is not None
-        hits, own = self.impacts.arrays(), self.parcels
+        hits, speed, angle, removed = self.hits(self.impacts)
+        rate = self.parcels.rate[hits["index"]]
+        sums = WearMap.summed(hits["x"], speed, angle, rate, removed)
+        self.wear.add(end, self.comm.allreduce(sums))
+        self.impacts = None
+
+    def hits(self, impacts: Impacts) -> tuple[dict[str, NDArray[Any]], Floats, Floats, Floats]:
+        """Impacts, their speeds [m/s], angles to the wall [rad] and what each removes [kg]."""
+        hits, own = impacts.arrays(), self.parcels
         at, v = hits["index"], hits["v"]
         speed = np.linalg.norm(v, axis=1)
         across = np.abs((v * hits["normal"]).sum(axis=1))
         angle = np.arcsin(np.clip(across / np.maximum(speed, 1e-30), 0.0, 1.0))
-        removed = law.removed(speed, angle, own.mass[at], own.diameter[at])
-        sums = WearMap.summed(hits["x"], speed, angle, own.rate[at], removed)
-        self.wear.add(end, self.comm.allreduce(sums))
-        self.impacts = None
+        law = self.scene.particles.wear
+        return hits, speed, angle, law.removed(speed, angle, own.mass[at], own.diameter[at])
 
     def leave(self) -> None:
         """What is inside has come to the end of the line and is out."""

@@ -115,6 +115,8 @@ def advice(scene: Any) -> list[str]:
 def skipped(scene: Any) -> list[str]:
     """What the particles are followed without, and why."""
     cloud, left_out = scene.particles, []
+    if scene.solution == "unsteady":
+        left_out.append("change of the gas while particles pass: they see its last state")
     if cloud.coupling == "one-way":
         left_out.append("force of the particles on the gas: particles.coupling = one-way")
     if "gravity" not in cloud.forces:

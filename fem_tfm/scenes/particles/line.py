@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Particles in the gas of a line in three dimensions, straight or bent, as it is at one time.
+
+They go on in time; what is told at a place along the axis is interpolated on the way of each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fem_tfm.geometry.mesh import Mesh
+from fem_tfm.models.carrier import LineCarrier
+from fem_tfm.models.particles.cloud import INSIDE, OUT, Parcels
+from fem_tfm.models.particles.tracker import Impacts
+from fem_tfm.output.tracked import Moment
+from fem_tfm.output.wear import WearMap
+from fem_tfm.scenes.particles.tracking import Tracking
+
+# stretches of time in which the gas goes from one place that is told to the next, and the longest
+# time that particles are followed, in units of the gas's passage
+PER_PLACE, LONGEST = 2, 30.0
+
+
+class Crossings:
+    """When and where each parcel of this rank first comes to places along the line.
+
+    places : along the axis, ascending [m]
+    parcels : of this rank, at the inlet
+    """
+
+    def __init__(self, places: NDArray[np.float64], parcels: Parcels, mesh: Mesh) -> None:
+        shape = len(places), len(parcels)
+        self.places, self.mesh = places, mesh
+        self.time = np.full(shape, np.nan)
+        self.x, self.v = np.full((*shape, 3), np.nan), np.full((*shape, 3), np.nan)
+        self._level = np.zeros(len(parcels), dtype=int)
+        self._before = self._state(parcels)
+        self.take(parcels)
+
+    def _state(self, parcels: Parcels) -> tuple[NDArray[np.float64], ...]:
+        along = self.mesh.straightened(parcels.x)[:, 2].copy()
+        # what is out has passed the last place
+        along[parcels.status == OUT] = self.places[-1]
+        return along, parcels.time.copy(), parcels.x.copy(), parcels.v.copy()
+
+    def take(self, parcels: Parcels) -> None:
+        """Enter what was crossed since the last call."""
+        now = self._state(parcels)
+        while True:
+            level = np.minimum(self._level, len(self.places) - 1)
+            passed = (self._level < len(self.places)) & (now[0] >= self.places[level])
+            if not passed.any():
+                break
+            at, numbers = level[passed], np.flatnonzero(passed)
+            step = now[0][passed] - self._before[0][passed]
+            share = (self.places[at] - self._before[0][passed]) / np.where(step > 0, step, 1.0)
+            share = np.clip(np.where(step > 0, share, 1.0), 0.0, 1.0)
+            parts = zip((self.time, self.x, self.v), self._before[1:], now[1:], strict=True)
+            for kept, first, last in parts:
+                s = share if first.ndim == 1 else share[:, None]
+                kept[at, numbers] = (1 - s) * first[passed] + s * last[passed]
+            self._level[passed] += 1
+        self._before = now
+
+
+def follow_line(scene: Any, carrier: LineCarrier, recorder: Any) -> None:
+    """Particles of a scene through the gas that its line holds now.
+
+    The recorder keeps what is told of them.
+    """
+    carrier.update()
+    tracking = _OnLine(scene, carrier, recorder.comm)
+    recorder.tracked = tracking.tracked
+    recorder.progress.stage(f"following {len(tracking.tracked.material)} parcels")
+    passage = scene.geometry.length / scene.feed.gas_velocity
+    step = passage / scene.particles.stations / PER_PLACE
+    message = ""
+    for time in np.arange(1, int(LONGEST * passage / step) + 1) * step:
+        left = tracking.go_on(float(time))
+        message = f"{time:.4g} s, {left} parcels inside"
+        recorder.progress.update(1 - left / len(tracking.tracked.material), message)
+        if not left:
+            break
+    tracking.tell()
+    recorder.log(f"particles: {message}; {tracking.warning()}")
+
+
+class _OnLine(Tracking):
+    """Parcels on their way through a line."""
+
+    carrier: LineCarrier
+
+    def __init__(self, scene: Any, carrier: LineCarrier, comm: Any) -> None:
+        super().__init__(scene, carrier, comm)
+        places = np.linspace(0.0, scene.geometry.length, scene.particles.stations + 1)
+        self.crossings = Crossings(places, self.parcels, carrier.mesh)
+        if self.wear is not None:
+            self.impacts = Impacts()
+
+    def go_on(self, time: float) -> int:
+        """Follow all parcels to a time [s]; how many are still inside (collective)."""
+        self.tracker.advance(
+            self.parcels, self.carrier.field, until_time=time, impacts=self.impacts
+        )
+        self.crossings.take(self.parcels)
+        return int(self.comm.allreduce(int((self.parcels.status == INSIDE).sum())))
+
+    def tell(self) -> None:
+        """What was found at every place (collective)."""
+        whole = self.parcels.gather(self.comm)
+        parts = self.comm.gather((self.parcels.id, *self._arrays()))
+        found = None
+        if parts is not None and whole is not None:
+            order = np.argsort(np.concatenate([part[0] for part in parts]), kind="stable")
+            arrays = [np.concatenate([p[n] for p in parts], axis=1)[:, order] for n in (1, 2, 3)]
+            found = whole.status, whole.x, arrays
+        status, last, (time, x, v) = self.comm.bcast(found)
+        mesh = self.carrier.mesh
+        for n, z in enumerate(self.crossings.places):
+            inside = np.isfinite(time[n])
+            # what never comes here is told where it stays
+            at, speed = np.where(inside[:, None], x[n], last), np.nan_to_num(v[n])
+            along = np.einsum("ij,ij->i", speed, mesh.axis(at))
+            across = mesh.straightened(at)[:, :2]
+            clock = np.nan_to_num(time[n])
+            self.tracked.take(Moment(float(z), clock, at, speed, inside, along, across), status)
+        for z, sums in self._wear():
+            self.wear.add(z, sums)  # type: ignore[union-attr]
+
+    def _arrays(self) -> tuple[NDArray[np.float64], ...]:
+        return self.crossings.time, self.crossings.x, self.crossings.v
+
+    def _wear(self) -> Iterator[tuple[float, NDArray[np.float64]]]:
+        """Ends of stretches and the sums over the impacts in them (collective)."""
+        if self.impacts is None:
+            return
+        hits, speed, angle, removed = self.hits(self.impacts)
+        x, rate = self.carrier.mesh.straightened(hits["x"]), self.parcels.rate[hits["index"]]
+        places = self.crossings.places
+        stretch = np.clip(np.searchsorted(places, x[:, 2]) - 1, 0, len(places) - 2)
+        for n, z in enumerate(places[1:]):
+            here = stretch == n
+            parts = (values[here] for values in (x, speed, angle, rate, removed))
+            yield float(z), self.comm.allreduce(WearMap.summed(*parts))
