@@ -47,8 +47,9 @@ class GmshModel:
     layers : slices of equal thickness along the length
     arc    : in the axis, None for a straight line
     order  : 2 curves the cells along the wall, 1 has straight edges between nodes on the wall
-    layout : of a round section "o-grid" (thin long cells in layers along the wall) or "free"
-             (isotropic triangles), of a rectangular one "grid"; None takes the first
+    layout : of a round section "o-grid" (thin long cells in layers along the wall), "free"
+             (isotropic triangles) or "blocks" (straight-edged quadrilaterals, one block a quadrant,
+             four cells at the coarsest), of a rectangular one "grid"; None takes the first
     fills  : whether a straight-edged section is widened to the area of its circle
 
     Raises InputError for a size that the section cannot carry, or a layout that it does not have.
@@ -77,6 +78,9 @@ class GmshModel:
         if self.layout == "free" and self.resolution.cell_shape != "triangle":
             allowed = "'triangle' in the layout 'free'"
             raise InputError("numerics.cells", self.resolution.cell_shape, allowed)
+        blocks = self.layout == "blocks"
+        if blocks and (self.resolution.cell_shape != "quadrilateral" or self.order != 1):
+            raise InputError("layout", self.layout, "another one for triangles or curved edges")
         self.resolution.core_size(self.section)
 
     @property
