@@ -16,7 +16,9 @@ help:
 
 setup: $(READY)
 
-$(READY): pyproject.toml .ci/constraints.txt .ci/setup .ci/find-python
+KERNEL := CMakeLists.txt $(wildcard fem_tfm/cpp/*)
+
+$(READY): pyproject.toml .ci/constraints.txt .ci/setup .ci/find-python $(KERNEL)
 	@echo 'setting up $(VENV), once'
 	@.ci/setup
 	@touch $@

@@ -347,6 +347,26 @@ class SchillerNaumann(Drag):
         return stokes(gas, solids) * schiller_naumann_factor(re)
 
 
+@register("drag", "clift-gauvin")
+@dataclass(frozen=True)
+class CliftGauvin(Drag):
+    """Clift-Gauvin drag of a lone grain, one formula up to the drag crisis.
+
+        beta = (3/4) C_D rho_g a u/d,  Re = rho_g d u/mu_g
+        C_D  = 24/Re (1 + 0.15 Re^0.687) + 0.42/(1 + 4.25e4 Re^-1.16)
+
+    Validity: a < 0.01, Re < 3e5.
+    Source: Clift and Gauvin (1970), Proc. Chemeca 70, 14-28.
+    """
+
+    def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:
+        """beta/alpha_s [kg/m3/s]."""
+        re = particle_reynolds(slip, gas, solids)
+        power = safe_pow(re, 1.16, _TINY_RE)
+        inertial = 0.42 / 24 * re * power / (power + 4.25e4)
+        return stokes(gas, solids) * (1 + 0.15 * safe_pow(re, 0.687, _TINY_RE) + inertial)
+
+
 @register("drag", "constant")
 @dataclass(frozen=True)
 class ConstantDrag(Drag):

@@ -21,8 +21,8 @@ from fem_tfm.errors import InputError
 LAWS = [(f, n) for f in closures.families() for n in closures.names(f)]
 
 EXPECTED = {
-    "drag": "beetstra constant di-felice ergun gibilaro gidaspow huilin-gidaspow koch-hill "
-    "schiller-naumann syamlal-obrien tenneti three-zone wen-yu",
+    "drag": "beetstra clift-gauvin constant di-felice ergun gibilaro gidaspow huilin-gidaspow "
+    "koch-hill schiller-naumann syamlal-obrien tenneti three-zone wen-yu",
     "friction": "berzi dartevelle johnson-jackson mu-i none pu schaeffer srivastava-sundaresan "
     "syamlal",
     "gas-wall": "free-slip log-law log-law-k low-reynolds no-slip",
@@ -32,6 +32,8 @@ EXPECTED = {
     "turbulence": "laminar mixing-length k-epsilon realizable",
     "dispersed": "none simonin k-epsilon",
     "dispersion": "none burns simonin",
+    "particle-dispersion": "none langevin eddies",
+    "impact": "elastic restitution stick",
 }
 
 

@@ -16,6 +16,7 @@ DRAGS = names("drag")
 # beta of the printed formulas at alpha_s = 0.05, 0.3, 0.5; air, d = 1 mm, slip 1 m/s
 NUMBERS = {
     "beetstra": (80.6330, 907.657, 2503.43),
+    "clift-gauvin": (59.7721, 358.633, 597.721),
     "constant": (500.0, 3000.0, 5000.0),
     "di-felice": (72.3233, 699.632, 1990.10),
     "ergun": (112.105, 977.143, 2400.0),
@@ -94,6 +95,7 @@ def test_beta_vanishes_with_the_solids(name, nitrogen, coal):
 # beta/alpha_s over Stokes' 18 mu/d^2 for a lone grain as the slip vanishes
 STOKES = {
     "beetstra": 1.0,
+    "clift-gauvin": 1.0,
     "di-felice": 0.96,
     "gibilaro": 17.3 / 18,
     "gidaspow": 1.0,

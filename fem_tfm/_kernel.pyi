@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+ROW: int
+MAP: int
+SUMS: int
+CHUNK: int
+DRAG_FIRST: int
+DRAG_OCTAVES: int
+DRAG_PIECES: int
+VARIANT: str
+
+class Grid:
+    def __init__(
+        self,
+        cells: int,
+        arrays: dict[str, Any],
+        nodes: int,
+        low: list[float],
+        bin: list[float],
+        bins: list[int],
+        folds: int,
+    ) -> None: ...
+
+class Impacts:
+    def __init__(self) -> None: ...
+    def sorted(self) -> npt.NDArray[np.float64]: ...
+
+def advance(
+    grid: Grid,
+    geometry: dict[str, Any],
+    gas: dict[str, Any],
+    options: dict[str, Any],
+    cloud: dict[str, Any],
+    sinks: dict[str, Any],
+    impacts: Impacts | None,
+    variant: str,
+    threads: int,
+    first: int,
+    seconds: float,
+) -> tuple[int, int, int, int]: ...

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What carries particles: the gas of a model, read into the rows of the tracker, and what it loses.
+
+`update` reads the unknowns of a section; `keep` begins a slab of a march, so that the next `update`
+gives its end. `deposit` turns the sums of the tracker into functions on the mesh.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+
+from fem_tfm.closures.particles.dispersion import ParticleDispersion
+from fem_tfm.errors import InputError
+from fem_tfm.fenics import compile_expression
+from fem_tfm.geometry.mesh import Mesh
+from fem_tfm.materials import Gas
+from fem_tfm.models.particles.field import Field
+from fem_tfm.models.particles.grid import Floats, Gathered, Grid
+from fem_tfm.models.particles.sinks import Sinks
+from fem_tfm.models.reynolds_stress.section import ReynoldsStressSection
+from fem_tfm.models.section import Section
+
+# names of what `deposit` makes, and how many components each has
+DEPOSITS = {"impulse": 3, "slope": 1, "residence": 1, "moment": 3, "heat": 1, "heat_slope": 1}
+# places of the six unknown stresses in R
+STRESSES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+class Carrier(ABC):
+    """A gas that carries particles.
+
+    gas : density and viscosity
+    grid : cells, whole on every rank
+    field : what the tracker reads
+    """
+
+    def __init__(self, mesh: Mesh, gas: Gas) -> None:
+        self.mesh, self.gas = mesh, gas
+        self.gathered = Gathered.of(mesh)
+        self.grid: Grid = self.gathered.grid
+        self.field = Field(self.grid, float(gas.density), float(gas.viscosity))
+
+    @abstractmethod
+    def update(self) -> None:
+        """Read the gas at hand into the field (collective)."""
+
+    def keep(self, start: float, end: float) -> None:
+        """Begin a slab: the field at hand holds at `start`, what `update` reads next at `end`."""
+        self.field.keep(start, end)
+
+    def deposit(self, sinks: Sinks, length: float = 1.0) -> dict[str, fem.Function]:
+        """Sums of all ranks per volume of the flow, as cell-wise functions on the mesh.
+
+        impulse [N/m3], slope [kg/m3/s], residence [kg/m3], moment [kg/m2/s] and, with heat, heat
+        [W/m3] and heat_slope [W/m3/K], each over `length` of a section [m] or, in three dimensions,
+        over 1. A folded section stands for the whole one. `Sinks.reduce` comes before (collective
+        on the mesh).
+        """
+        found = {}
+        share = 1 / (self.grid.sizes * self.mesh.section.area_factor * length)
+        for name, width in DEPOSITS.items():
+            if name.startswith("heat") and sinks.heat_sums is None:
+                continue
+            shape = (width,) if width > 1 else ()
+            space = fem.functionspace(self.mesh.mesh, ("DG", 0, shape))
+            values = getattr(sinks, name)
+            density = values * (share if values.ndim == 1 else share[:, None])
+            function = fem.Function(space, name=name)
+            here = density[self.grid.owned].reshape(len(self.grid.owned), -1)
+            dofs = np.asarray(space.dofmap.list)[: len(self.grid.owned), 0]
+            array = function.x.array.reshape(-1, width)
+            array[dofs] = here
+            function.x.scatter_forward()
+            found[name] = function
+        return found
+
+
+class _SectionCarrier(Carrier):
+    """Unknowns of a section at the nodes of its grid."""
+
+    def __init__(self, section: Section, gas: Gas, dispersion: ParticleDispersion) -> None:
+        super().__init__(section.mesh, gas)
+        self.section, self.dispersion = section, dispersion
+        self._dofs: dict[str, list[np.ndarray]] = {}
+
+    def nodal(self, name: str) -> Floats:
+        """Values of an unknown at the nodes that this rank gives, (nodes, components)."""
+        if name not in self._dofs:
+            sub = self.section.space.sub(self.section.names.index(name))
+            parts = [sub.sub(i) for i in range(sub.num_sub_spaces)] or [sub]
+            self._dofs[name] = [self.gathered.at_nodes(part.dofmap) for part in parts]
+        array = self.section.now.x.array
+        return np.stack([array[dofs] for dofs in self._dofs[name]], axis=1)
+
+
+class ReynoldsStressCarrier(_SectionCarrier):
+    """A duct's gas by Reynolds stresses or by its eddy viscosity.
+
+    Nodes whose stresses are not realisable are counted in `field.clipped`.
+    """
+
+    section: ReynoldsStressSection
+
+    def update(self) -> None:
+        """Read velocity, stresses, T_L and the log law of the strip (collective)."""
+        setup = self.section.setup
+        velocity, eps = self.nodal("u"), np.exp(self.nodal("e")[:, 0])
+        turbulent = self.dispersion.turbulent
+        if setup.law.transported:
+            values = self.nodal("r")
+            k = values[:, :3].sum(axis=1) / 2
+            stress = np.empty((len(k), 3, 3))
+            for c, (i, j) in enumerate(STRESSES):
+                stress[:, i, j] = stress[:, j, i] = values[:, c]
+        else:
+            k = np.exp(self.nodal("q")[:, 0])
+            stress = self._modelled_stress() if turbulent else np.zeros((len(k), 3, 3))
+        k = np.maximum(k, 1e-12)
+        distance = float(setup.numbers.wall_offset)
+        covered = setup.function.strip(k, distance, float(setup.numbers.viscosity))
+        gradient = np.zeros_like(velocity)
+        gradient[:, 2] = -self.section.pressure_gradient
+        columns = [
+            velocity,
+            stress.reshape(-1, 9),
+            self.dispersion.life(k, eps)[:, None],
+            (1 - np.asarray(covered) / distance)[:, None],
+            gradient,
+        ]
+        whole = self.gathered.gather(np.concatenate(columns, axis=1))
+        self.field.fill(
+            velocity=whole[:, :3],
+            stress=whole[:, 3:12].reshape(-1, 3, 3) if turbulent else None,
+            time=whole[:, 12] if turbulent else None,
+            strip=whole[:, 13],
+            pressure_gradient=whole[:, 14:17],
+        )
+
+    def _modelled_stress(self) -> Floats:
+        """Stresses of an eddy viscosity at the nodes that this rank gives."""
+        section = self.section
+        if not hasattr(self, "_stress"):
+            space = fem.functionspace(section.mesh.mesh, ("Lagrange", 2, (3, 3)))
+            expression = section.model.stress(section.state(section.now))
+            points = space.element.interpolation_points
+            self._stress = fem.Function(space), compile_expression(expression, points)
+            self._stress_dofs = self.gathered.at_nodes(space.dofmap)
+        function, expression = self._stress
+        function.interpolate(expression)
+        return np.asarray(function.x.array.reshape(-1, 3, 3)[self._stress_dofs])
+
+
+def SectionCarrier(section: Any, gas: Gas, dispersion: ParticleDispersion) -> _SectionCarrier:
+    """The carrier of a section of any model, with its gas and a law of dispersion.
+
+    Raises
+    ------
+    InputError
+        the model has no carrier.
+    """
+    if isinstance(section, ReynoldsStressSection):
+        return ReynoldsStressCarrier(section, gas, dispersion)
+    raise InputError("particles.carrier", type(section).__name__, "a section of a known model")

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Cells that particles move through, whole on every rank.
+
+A distributed mesh is gathered in the order of its input, so that cells and nodes have the same
+numbers on any number of ranks. Cells of a section carry fields of degree two: nine nodes of a
+quadrilateral, six of a triangle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from mpi4py import MPI
+from scipy.spatial import cKDTree
+
+from fem_tfm import _kernel
+from fem_tfm.geometry.mesh import Mesh
+from fem_tfm.geometry.section import RectangularSection, Section
+from fem_tfm.models.particles import shapes
+from fem_tfm.models.particles.shapes import Cell
+
+type Floats = npt.NDArray[np.float64]
+type Integers = npt.NDArray[np.int32]
+
+# a cell whose map leaves the affine one by this share of its size is curved
+STRAIGHT = 1e-9
+# bins of the search along each axis for a cell
+BINS = {2: 2.0, 3: 1.5}
+FOLDS = {"none": 0, "half": 1, "quarter": 2}
+# walls as the kernel numbers them
+WALLS = {"none": 0, "rectangle": 1, "circle": 2, "planes": 3, "bent rectangle": 4, "bent circle": 5}
+
+
+@dataclass(frozen=True)
+class Walls:
+    """Walls of a line, exact whatever the mesh.
+
+    kind : a name out of WALLS
+    half : half width and height of a rectangle [m], the radius first for a circle
+    strip : distance from the wall at which the mesh begins [m]
+    arc : straight length before the arc, radius and angle, and its normal in the section
+    """
+
+    kind: str
+    half: tuple[float, float] = (0.0, 0.0)
+    strip: float = 0.0
+    arc: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 1.0)
+
+    @classmethod
+    def of(cls, section: Section) -> Walls:
+        """Those of a straight line of a section."""
+        if isinstance(section, RectangularSection):
+            half = section.width / 2, section.height / 2
+            return cls("rectangle", half, section.wall_offset)
+        return cls("circle", (section.radius, section.radius), section.wall_offset)
+
+    def for_kernel(self) -> dict[str, Any]:
+        """Numbers of the kernel."""
+        names = "before", "radius", "angle", "normal_x", "normal_y"
+        return {
+            "wall": WALLS[self.kind],
+            "half_x": self.half[0],
+            "half_y": self.half[1],
+            "strip": self.strip,
+            **dict(zip(names, self.arc, strict=True)),
+        }
+
+
+@dataclass(eq=False)
+class Grid:
+    """Cells of a section or a line, their nodes and walls, whole on every rank.
+
+    cell : kind of the cells
+    nodes : (cells, nodes of a cell) in the order of the kernel
+    points : (nodes, dim) of all nodes [m]
+    walls : what particles touch
+    folds : planes of symmetry about which the part solved is folded: 0, 1 (x = 0), 2 (y = 0 too)
+    owned : number in the grid of each owned cell of the mesh on this rank
+    """
+
+    cell: Cell
+    nodes: Integers
+    points: Floats
+    walls: Walls
+    folds: int = 0
+    owned: Integers = field(default_factory=lambda: np.empty(0, dtype=np.int32))
+    arrays: dict[str, Any] = field(init=False, repr=False)
+    kernel: _kernel.Grid = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        dim = self.points.shape[1]
+        maps, curved = self.cell.maps(self.points[self.nodes], STRAIGHT)
+        low, size, bins, seed = self._bins()
+        self.arrays = {
+            "node": np.ascontiguousarray(self.nodes, dtype=np.int32),
+            "neighbour": neighbours(self.cell, self.nodes),
+            "map": maps,
+            "curved": curved,
+            "seed": seed,
+        }
+        shape = np.ones(3, dtype=int)
+        shape[:dim] = bins
+        self.kernel = _kernel.Grid(
+            self.cell.number,
+            self.arrays,
+            len(self.points),
+            [*low, *[0.0] * (3 - dim)],
+            [*size, *[1.0] * (3 - dim)],
+            shape.tolist(),
+            self.folds,
+        )
+
+    @property
+    def count(self) -> int:
+        """Cells."""
+        return len(self.nodes)
+
+    @property
+    def width(self) -> float:
+        """Smaller width of the section, or of the box around a line [m]."""
+        if self.walls.half[0] > 0:
+            return 2 * min(self.walls.half)
+        return float(np.ptp(self.points, axis=0).min())
+
+    @property
+    def sizes(self) -> Floats:
+        """Areas [m2] or volumes [m3] of the cells."""
+        return self.cell.sizes(self.points[self.nodes])
+
+    def _bins(self) -> tuple[Floats, Floats, npt.NDArray[np.int64], Integers]:
+        """Corner, size and number of bins, and the cell nearest to each."""
+        centres = self.points[self.nodes].mean(axis=1)
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        extent = np.maximum(high - low, 1e-300)
+        per_axis = BINS[self.points.shape[1]]
+        unit = (extent.prod() / len(centres)) ** (1 / len(extent)) / per_axis
+        bins = np.clip(np.ceil(extent / unit), 1, 2000).astype(np.int64)
+        size = extent / bins
+        axes = [low[i] + size[i] * (np.arange(bins[i]) + 0.5) for i in range(len(bins))]
+        places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+        # the first axis runs fastest in the kernel
+        places = places.transpose(*reversed(range(len(bins))), len(bins)).reshape(-1, len(bins))
+        seed = cKDTree(centres).query(places)[1].astype(np.int32)
+        return low, size, bins, seed
+
+
+def neighbours(cell: Cell, nodes: Integers) -> Integers:
+    """Cell across each facet, -1 where there is none; shape (cells, facets)."""
+    sides = np.sort(nodes[:, cell.facets], axis=2).reshape(-1, len(cell.facets[0]))
+    _, number = np.unique(sides, axis=0, return_inverse=True)
+    number = number.ravel()
+    found = np.full(len(sides), -1, dtype=np.int32)
+    order = np.argsort(number, kind="stable")
+    same = np.flatnonzero(number[order][1:] == number[order][:-1])
+    one, other = order[same], order[same + 1]
+    found[one], found[other] = other // len(cell.facets), one // len(cell.facets)
+    return np.ascontiguousarray(found.reshape(len(nodes), -1))
+
+
+@dataclass(eq=False)
+class Gathered:
+    """A mesh with its nodes of degree two (sections) or one (lines) on every rank.
+
+    grid : the grid
+    places : (local nodes, 2): cell on this rank and node in it, of the nodes that this rank gives
+    given : numbers of these nodes in the grid
+    """
+
+    grid: Grid
+    places: npt.NDArray[np.int64]
+    given: npt.NDArray[np.int64]
+    comm: MPI.Comm
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> Gathered:
+        """That of a mesh (collective)."""
+        domain = mesh.mesh
+        cell = shapes.cell_of(domain)
+        degree = 2 if domain.topology.dim == 2 else 1
+        space = fem.functionspace(domain, ("Lagrange", degree))
+        cells = domain.topology.index_map(domain.topology.dim)
+        local = space.dofmap.list[: cells.size_local].astype(np.int64)[:, cell.order]
+        keys = space.dofmap.index_map.local_to_global(local.ravel().astype(np.int32))
+        x = space.tabulate_dof_coordinates()[local.ravel()][:, : domain.topology.dim]
+        original = np.asarray(domain.topology.original_cell_index[: cells.size_local])
+        comm = domain.comm
+        order = np.concatenate(comm.allgather(original))
+        keys_all = np.concatenate(comm.allgather(keys.reshape(local.shape)))
+        x_all = np.concatenate(comm.allgather(x.reshape(*local.shape, -1)))
+        ranked = np.argsort(order, kind="stable")
+        number = np.empty(len(order), dtype=np.int32)
+        number[ranked] = np.arange(len(order), dtype=np.int32)
+        # nodes are numbered as they are met
+        flat = keys_all[ranked].ravel()
+        _, first, inverse = np.unique(flat, return_index=True, return_inverse=True)
+        position = np.empty(len(first), dtype=np.int64)
+        position[np.argsort(first)] = np.arange(len(first))
+        nodes = position[inverse.ravel()].reshape(len(order), -1).astype(np.int32)
+        points = np.empty((len(first), x_all.shape[-1]))
+        points[position] = x_all[ranked].reshape(-1, x_all.shape[-1])[first]
+        start = sum(comm.allgather(cells.size_local)[: comm.rank])
+        owned = number[start : start + cells.size_local]
+        grid = Grid(
+            cell, nodes, points, Walls.of(mesh.section), FOLDS[mesh.section.symmetry], owned
+        )
+        # a node is given by the rank of the first cell that has it
+        width = nodes.shape[1]
+        giver, place = np.divmod(first[np.argsort(first)], width)
+        mine = np.full(len(order), -1, dtype=np.int64)
+        mine[owned] = np.arange(len(owned))
+        here = mine[giver] >= 0
+        places = np.stack([mine[giver][here], np.asarray(cell.order)[place[here]]], axis=1)
+        return cls(grid, places, np.flatnonzero(here), comm)
+
+    def gather(self, values: Floats) -> Floats:
+        """Values at all nodes of the grid, from those at the nodes that each rank gives."""
+        found = np.empty((len(self.grid.points), *values.shape[1:]))
+        for numbers, part in zip(
+            self.comm.allgather(self.given), self.comm.allgather(values), strict=True
+        ):
+            found[numbers] = part
+        return found
+
+    def at_nodes(self, dofmap: Any) -> npt.NDArray[np.int64]:
+        """Dofs of a scalar space at the nodes that this rank gives."""
+        dofs = np.asarray(dofmap.list)
+        return dofs[self.places[:, 0], self.places[:, 1]].astype(np.int64)
