@@ -122,14 +122,26 @@ class Contact(Closure):
         total = normal[:, None] * n + tangential
         return total, -np.cross(n, tangential), normal, spring
 
+    def rolling_torque(self, touch: Touch, c: Coefficients, spin: Any, normal: Any) -> Any:
+        """Torque of rolling friction on the first grain (n, 3), against the relative spin w."""
+        if c.rolling_friction == 0.0:
+            return 0.0 * spin
+        _, slope, _ = self.stiffnesses(touch, c)
+        size = np.linalg.norm(spin, axis=1) + 1e-150
+        viscous = c.rolling_damping * np.sqrt(touch.mass * slope) * touch.radius**2
+        g = np.minimum(viscous, c.rolling_friction * normal * touch.radius / size)
+        return -g[:, None] * spin
+
 
 @dataclass(frozen=True)
 class _Linear(Contact):
     """What the laws with S_n = k d share."""
 
+    stiffness: float = parameter(100.0, "N/m", "stiffness of a contact", gt=0, le=1e9)
+
     def contact_time(self, mass: float, radius: float) -> float:
         """pi sqrt(m/k) [s]."""
-        return math.pi * math.sqrt(mass / self.stiffness)  # type: ignore[attr-defined]
+        return math.pi * math.sqrt(mass / self.stiffness)
 
     def stiffnesses(self, touch: Touch, c: Coefficients) -> tuple[Any, Any, Any]:
         """k d, k and k_t."""
@@ -149,11 +161,10 @@ class ViscousCoulomb(_Linear):
     Grains at rest creep slowly, since nothing holds them at zero slip.
 
     Validity: stiffness so high that grains overlap by some per cent of a radius at most.
-    Source: Strauss, McNamara and Herrmann, Plug conveying in a horizontal tube, section 2.2; Cundall
-    and Strack (1979), Geotechnique 29, 47-65.
+    Source: Strauss, McNamara and Herrmann, Plug conveying in a horizontal tube, section 2.2;
+    Cundall and Strack (1979), Geotechnique 29, 47-65.
     """
 
-    stiffness: float = parameter(100.0, "N/m", "stiffness of a contact", gt=0, le=1e9)
     restitution: float = parameter(0.5, "-", "normal restitution", ge=0.05, le=1)
     friction: float = parameter(0.5, "-", "Coulomb coefficient mu", ge=0, le=10)
     tangential_damping: float = parameter(
@@ -166,9 +177,7 @@ class ViscousCoulomb(_Linear):
         """Coefficients of the kernel."""
         damping = linear_damping(self.restitution, time_step * math.sqrt(self.stiffness / mass))
         sliding, rolling = self.tangential_damping, self.rolling_friction
-        return Coefficients(
-            self.stiffness, damping, 0.0, sliding, self.friction, rolling, _ROLLING
-        )
+        return Coefficients(self.stiffness, damping, 0.0, sliding, self.friction, rolling, _ROLLING)
 
 
 @register("contact", "cundall-strack")
@@ -186,7 +195,6 @@ class CundallStrack(_Linear):
     Source: Cundall and Strack (1979), Geotechnique 29, 47-65.
     """
 
-    stiffness: float = parameter(100.0, "N/m", "stiffness of a contact", gt=0, le=1e9)
     restitution: float = parameter(0.5, "-", "normal restitution", ge=0.05, le=1)
     friction: float = parameter(0.5, "-", "Coulomb coefficient mu", ge=0, le=10)
     stiffness_ratio: float = parameter(2 / 7, "-", "k_t over k", gt=0, le=1)

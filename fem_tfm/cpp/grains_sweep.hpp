@@ -98,8 +98,10 @@ void team_up(State& s, int steps) {
 
 template <int KIND>
 void choose(State& s, int steps) {
-    if (s.rolling) s.mono ? team_up<KIND, true, true>(s, steps) : team_up<KIND, false, true>(s, steps);
-    else s.mono ? team_up<KIND, true, false>(s, steps) : team_up<KIND, false, false>(s, steps);
+    // what is not taken often is compiled for the general case only
+    if (s.rolling) team_up<KIND, false, true>(s, steps);
+    else if (s.mono && KIND != HERTZ) team_up<KIND, KIND != HERTZ, false>(s, steps);
+    else team_up<KIND, false, false>(s, steps);
 }
 
 void start(State& s, int steps) {

@@ -27,7 +27,10 @@ def sites(section: Section, diameter: float) -> Array:
     """
     if isinstance(section, RectangularSection):
         counts = [int(side / diameter * (1 + SLACK)) for side in section.size]
-        rows = [(np.arange(n) + 0.5 - n / 2) * side / n for n, side in zip(counts, section.size, strict=True)]
+        rows = [
+            (np.arange(n) + 0.5 - n / 2) * side / n
+            for n, side in zip(counts, section.size, strict=True)
+        ]
         return np.stack(np.meshgrid(*rows), axis=-1).reshape(-1, 2)
     assert isinstance(section, RoundSection)
     found, ring = [], (section.diameter - diameter) / 2
@@ -84,7 +87,7 @@ class Feeder:
     """Adds the layers of a feed in time.
 
     The mass that has been fed differs from the mass that is due by half a grain at most at the time
-    of a layer, however long a run is.
+    of a layer, however long a run is; where a layer is full of small grains, the next ones make up.
     """
 
     def __init__(self, feed: Feed, seed: int = 0) -> None:
@@ -143,7 +146,11 @@ def filled(section: Section, grain: Grain, length: float, seed: int = 0) -> tupl
     random, size = np.random.default_rng(seed), grain.largest_diameter
     flat = sites(section, size)
     layers = int(length / size)
-    turn = random.uniform(0, 2 * math.pi, layers) if isinstance(section, RoundSection) else np.zeros(layers)
+    turn = (
+        random.uniform(0, 2 * math.pi, layers)
+        if isinstance(section, RoundSection)
+        else np.zeros(layers)
+    )
     c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
     x, y = c * flat[:, 0] - s * flat[:, 1], s * flat[:, 0] + c * flat[:, 1]
     z = np.broadcast_to(((np.arange(layers) + 0.5) * size)[:, None], x.shape)

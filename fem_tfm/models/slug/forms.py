@@ -2,8 +2,8 @@
 """Balance of the gas in a tube with grains, in UFL: the specification of `pressure`.
 
 The gas is isothermal and ideal, its density proportional to the pressure P = P_0 + P'. With the
-porosity f, the velocity u of the grains and the resistance r of the bed, -grad P = r f (v_g - u),
-its mass balance reads
+porosity f, the velocity u of the grains and the resistance r of bed and wall,
+-grad P = r f (v_g - u), its mass balance reads
 
     f (dP/dt + u . grad P) + P div u = div(P/r grad P)
 
@@ -12,13 +12,12 @@ at the outlet. The paper's eq. (5) puts P_0 in the place of P and drops u . grad
 
 Tested with w and integrated by parts, with c either P_0 or P:
 
-    int f dP/dt w + int c/r grad P' . grad w - int c u . grad w - int (1 - f) u . grad P' w
-        = int_inlet c q w
+    int f dP/dt w + int c/r grad P' . grad w
+        = int c u . grad w + int (1 - f) u . grad P' w + int_inlet c q w
 
-where the integral of (1 - f) u is there with c = P alone. Fields are continuous and trilinear, and
-so are the products m = c/r and c u: each is the function with the product of the nodal values. The
-storage is lumped, its matrix diagonal: the integrals of f w. The last integral on the left hand
-side is lumped, too: the nodal value of (1 - f) u times int grad P' w.
+where the integral of (1 - f) u is there with c = P alone. Unknown, porosity and velocity are
+continuous and trilinear. The storage is lumped: its matrix is diagonal, with the integrals of f w.
+On the right hand side and in coefficients P' is that of the steps before, extrapolated.
 """
 
 from __future__ import annotations
@@ -29,55 +28,71 @@ from typing import Any
 import ufl
 from dolfinx import fem
 
+from fem_tfm.models.slug.gas import TubeGas, resistance
 from fem_tfm.models.slug.mesh import DEGREE, TubeMesh
 
 
 @dataclass(frozen=True)
 class GasForms:
-    """Forms of the balance on given nodal fields.
+    """Forms of the balance on given fields.
 
-    porosity : f
-    mobility : m = c/r
-    flux : c u, a vector
-    pressure : P'
+    porosity, velocity : f and u
+    ahead : P' in the coefficients
     """
 
     tube: TubeMesh
+    gas: TubeGas
+    diameter: float
     porosity: fem.Function
-    mobility: fem.Function
-    flux: Any
-    pressure: fem.Function
+    velocity: fem.Function
+    ahead: fem.Function
 
+    @property
     def _test(self) -> Any:
         return ufl.TestFunction(self.tube.space)
 
+    @property
     def _dx(self) -> ufl.Measure:
         return ufl.Measure("dx", self.tube.mesh.mesh, metadata={"quadrature_degree": DEGREE})
 
+    @property
+    def _level(self) -> Any:
+        """c."""
+        base = ufl.as_ufl(self.gas.reference_pressure)
+        return base + self.ahead if self.gas.balance == "full" else base
+
+    def _resistance(self) -> tuple[Any, Any]:
+        """r, and the bed's share of it."""
+        slope = ufl.grad(self.ahead)
+        size = ufl.sqrt(ufl.dot(slope, slope))
+        radius = self.tube.mesh.section.radius
+        open_share = ufl.max_value(self.porosity, self.gas.porosity_floor)
+        return resistance(self.gas, self.diameter, radius, open_share, size, ufl.sqrt)
+
     def storage(self) -> ufl.Form:
         """Diagonal of the storage: int f w."""
-        return self.porosity * self._test() * self._dx()
+        return self.porosity * self._test * self._dx
 
     def diffusion(self) -> ufl.Form:
-        """int m grad P' . grad w, bilinear."""
-        trial = ufl.TrialFunction(self.tube.space)
-        return self.mobility * ufl.dot(ufl.grad(trial), ufl.grad(self._test())) * self._dx()
+        """int c/r grad P' . grad w, bilinear."""
+        trial, r = ufl.TrialFunction(self.tube.space), self._resistance()[0]
+        return self._level / r * ufl.dot(ufl.grad(trial), ufl.grad(self._test)) * self._dx
 
-    def displacement(self) -> ufl.Form:
-        """int c u . grad w."""
-        return ufl.dot(self.flux, ufl.grad(self._test())) * self._dx()
+    def right(self) -> ufl.Form:
+        """int c u . grad w + int (1 - f) u . grad P' w."""
+        u, w = self.velocity, self._test
+        form = self._level * ufl.dot(u, ufl.grad(w)) * self._dx
+        if self.gas.balance == "full":
+            form += (1 - self.porosity) * ufl.dot(u, ufl.grad(self.ahead)) * w * self._dx
+        return form
 
-    def gradient(self, direction: int) -> ufl.Form:
-        """int dP'/dx_d w."""
-        return self.pressure.dx(direction) * self._test() * self._dx()
+    def force(self, direction: int) -> ufl.Form:
+        """-int s dP'/dx_d w with the bed's share s: what the nodes give to their grains."""
+        return -self._resistance()[1] * self.ahead.dx(direction) * self._test * self._dx
 
     def inlet(self) -> ufl.Form:
         """int_inlet w, what a flux of one brings in."""
         mesh = self.tube.mesh
-        ds = ufl.Measure(
-            "ds",
-            mesh.mesh,
-            subdomain_data=mesh.facet_tags,
-            metadata={"quadrature_degree": DEGREE},
-        )
-        return self._test() * ds(mesh.tags["inlet"])
+        metadata = {"quadrature_degree": DEGREE}
+        ds = ufl.Measure("ds", mesh.mesh, subdomain_data=mesh.facet_tags, metadata=metadata)
+        return self._test * ds(mesh.tags["inlet"])

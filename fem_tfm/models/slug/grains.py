@@ -252,22 +252,22 @@ class Grains:
     @property
     def number(self) -> npt.NDArray[np.int64]:
         """Numbers of the grains; they keep them for ever."""
-        return self._core.number.copy()  # type: ignore[no-any-return]
+        return self._core.number.copy()
 
     @property
     def place(self) -> Array:
         """Centres (n, 3) [m]."""
-        return self._core.place[:, :3].copy()  # type: ignore[no-any-return]
+        return self._core.place[:, :3].copy()
 
     @property
     def radius(self) -> Array:
         """Radii [m]."""
-        return self._core.place[:, 3].copy()  # type: ignore[no-any-return]
+        return self._core.place[:, 3].copy()
 
     @property
     def velocity(self) -> Array:
         """Velocities (n, 3), half a step behind the places [m/s]."""
-        return self._core.motion[:, :3].copy()  # type: ignore[no-any-return]
+        return self._core.motion[:, :3].copy()
 
     @property
     def spin(self) -> Array:
@@ -287,22 +287,22 @@ class Grains:
     @property
     def gas_force(self) -> Array:
         """Force from outside on every grain (n, 3) [N], which may be written to."""
-        return self._core.force[:, :3]  # type: ignore[no-any-return]
+        return self._core.force[:, :3]
 
     @property
     def wall_force(self) -> Array:
         """Force of the walls (n, 3) in the step that `record` took [N]."""
-        return self._core.record[:, :3].copy()  # type: ignore[no-any-return]
+        return self._core.record[:, :3].copy()
 
     @property
     def wall_pressing(self) -> Array:
         """Sum of the normal forces of the walls in that step [N]."""
-        return self._core.record[:, 3].copy()  # type: ignore[no-any-return]
+        return self._core.record[:, 3].copy()
 
     @property
     def grain_force(self) -> Array:
         """Force of other grains (n, 3) in that step [N]."""
-        return self._core.record[:, 4:7].copy()  # type: ignore[no-any-return]
+        return self._core.record[:, 4:7].copy()
 
     def set_velocity(self, velocity: npt.ArrayLike, spin: npt.ArrayLike | None = None) -> None:
         """Give all grains velocities and, where given, spins."""

@@ -8,13 +8,13 @@ layer * (nodes of the section) + node of the section makes every matrix a narrow
 from __future__ import annotations
 
 import functools
-from typing import Any
 
 import basix.ufl
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
+from scipy import sparse
 
 from fem_tfm._kernel import grains as kernel
 from fem_tfm.errors import InputError
@@ -25,23 +25,24 @@ from fem_tfm.models.slug.grains import Grains
 
 Array = npt.NDArray[np.float64]
 # Gauss points of all integrals, in UFL and in tables: exact for three basis functions of a brick
-DEGREE = 4
-# length of a cell over its width, by default one
+DEGREE = 3
+# digits to which nodes of one plane agree
 ROUNDING = 9
 
 
 def tube_mesh(section: Section, length: float, across: int, layers: int | None = None) -> Mesh:
     """Straight-edged hexahedra with the area of the section.
 
-    across : cells across the section, an even number
-    layers : along the tube, default cells as long as wide
+    across : cells across the section, an even number, or 1 in a round section
+    layers : along the tube, default half as long as the section is wide, or cells as long as wide
 
-    Raises InputError for an odd number of cells across.
+    Raises InputError for another number of cells across.
     """
-    if across < 2 or across % 2:
-        raise InputError("numerics.cells_across", across, "an even number from 2")
-    width = min(section.size) / across
     round_section = isinstance(section, RoundSection)
+    if not (across == 1 and round_section) and (across < 2 or across % 2):
+        words = "an even number from 2" + ", or 1" * round_section
+        raise InputError("numerics.cells_across", across, words)
+    width = min(section.size) / max(across, 2)
     resolution = Resolution(mesh_size=width, cells="quadrilateral", wall_grading=1.0)
     return extruded_mesh(
         section,
@@ -50,7 +51,7 @@ def tube_mesh(section: Section, length: float, across: int, layers: int | None =
         layers or max(round(length / width), 1),
         MPI.COMM_SELF,
         order=1,
-        layout="blocks" if round_section else None,
+        layout=("block" if across == 1 else "blocks") if round_section else None,
         fills=round_section,
     )
 
@@ -79,7 +80,7 @@ class TubeMesh:
         self.per_plane = len(points) // len(self.planes)
         self.cells = self.rank[self.space.dofmap.list]
         self._check_layers()
-        self.volumes = self.integrated(np.einsum("cq,qa->ca", self._weights, self._values))
+        self.volumes = self.integrals(np.ones(self.weights.size))
         self.tents = kernel.Tents(*self._section_cells(), self.planes)
 
     def _check_layers(self) -> None:
@@ -116,7 +117,7 @@ class TubeMesh:
         """Nodal values of an array of DOLFINx."""
         return dofs[self.order]
 
-    # -- integrals over cells ----------------------------------------------------------------------
+    # -- points of the quadrature ------------------------------------------------------------------
 
     @functools.cached_property
     def _rule(self) -> tuple[Array, Array]:
@@ -124,52 +125,63 @@ class TubeMesh:
         return points, weights
 
     @functools.cached_property
-    def _table(self) -> Array:
+    def table(self) -> Array:
+        """Basis functions and their slopes at the points of the reference cell (4, points, 8)."""
         element = basix.ufl.element("Lagrange", "hexahedron", 1)
         return np.asarray(element.tabulate(1, self._rule[0]))
 
-    @property
-    def _values(self) -> Array:
-        """Basis functions at the points (points, 8)."""
-        return self._table[0]
-
     @functools.cached_property
     def _jacobian(self) -> Array:
-        return np.einsum("cad,eqa->cqde", self.points[self.cells], self._table[1:])
+        return np.einsum("cad,eqa->cqde", self.points[self.cells], self.table[1:])
 
     @functools.cached_property
-    def _weights(self) -> Array:
-        """Weights of the points in space (cells, points)."""
-        return np.abs(np.linalg.det(self._jacobian)) * self._rule[1]
+    def weights(self) -> Array:
+        """Weights of all points in space (cells * points,)."""
+        return (np.abs(np.linalg.det(self._jacobian)) * self._rule[1]).ravel()
 
     @functools.cached_property
-    def _gradients(self) -> Array:
+    def gradients(self) -> Array:
         """Gradients of the basis functions (cells, points, 8, 3)."""
-        return np.einsum("cqed,eqa->cqad", np.linalg.inv(self._jacobian), self._table[1:])
+        return np.einsum("cqed,eqa->cqad", np.linalg.inv(self._jacobian), self.table[1:])
 
-    def integrated(self, local: Array) -> Array:
-        """Sum over cells of (cells, 8) in the nodes."""
-        return np.bincount(self.cells.ravel(), local.ravel(), minlength=self.size)
+    def _at_points(self, values: Array) -> sparse.csr_matrix:
+        """Matrix from nodal values to the points, of (cells, points, 8)."""
+        cells, points, _ = values.shape
+        rows = np.repeat(np.arange(cells * points), 8)
+        columns = np.repeat(self.cells[:, None, :], points, axis=1).ravel()
+        return sparse.csr_matrix((values.ravel(), (rows, columns)), (cells * points, self.size))
 
-    def products(self) -> dict[str, Array]:
-        """Integrals over each cell of products of the basis functions.
+    @functools.cached_property
+    def value(self) -> sparse.csr_matrix:
+        """Matrix that gives a function's values at the points."""
+        shape = (len(self.cells), *self.table[0].shape)
+        return self._at_points(np.broadcast_to(self.table[0], shape))
 
-        diffusion : N_k grad N_a . grad N_b (cells, a, b, k)
-        mass : N_a N_k (cells, a, k)
-        slope : N_k dN_a/dx_d (cells, a, k, d)
-        """
-        n, g, w = self._values, self._gradients, self._weights
-        best: dict[str, Any] = {"optimize": True}
-        return {
-            "diffusion": np.einsum("cq,qk,cqad,cqbd->cabk", w, n, g, g, **best),
-            "mass": np.einsum("cq,qa,qk->cak", w, n, n, **best),
-            "slope": np.einsum("cq,qk,cqad->cakd", w, n, g, **best),
-        }
+    @functools.cached_property
+    def slope(self) -> sparse.csr_matrix:
+        """Matrix that gives a function's gradient at the points, component by component."""
+        return sparse.vstack([self._at_points(self.gradients[..., d]) for d in range(3)]).tocsr()
+
+    @functools.cached_property
+    def _value_back(self) -> sparse.csr_matrix:
+        return (self.value.T @ sparse.diags(self.weights)).tocsr()
+
+    @functools.cached_property
+    def _slope_back(self) -> sparse.csr_matrix:
+        return (self.slope.T @ sparse.diags(np.tile(self.weights, 3))).tocsr()
+
+    def integrals(self, values: Array) -> Array:
+        """Integrals of values at the points with each basis function."""
+        return np.asarray(self._value_back @ values)
+
+    def integrals_of_slopes(self, vectors: Array) -> Array:
+        """Integrals of vectors at the points (3, points) with each basis function's gradient."""
+        return np.asarray(self._slope_back @ vectors.ravel())
 
     # -- grains ------------------------------------------------------------------------------------
 
     def spread(self, grains: Grains) -> tuple[Array, Array]:
-        """Volume (n,) [m3] and volume times velocity (n, 3) [m4/s] that grains give to the nodes."""
+        """Volume (n,) [m3] and volume times velocity (n, 3) [m4/s] that grains give to nodes."""
         volume, momentum = np.zeros(self.size), np.zeros((self.size, 3))
         self.tents.locate(grains.core)
         self.tents.deposit(grains.core, volume, momentum)

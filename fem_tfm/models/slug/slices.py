@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -71,7 +72,7 @@ class Samples:
     def after(self, time: float) -> Samples:
         """The samples after a time [s]."""
         keep = [n for n, t in enumerate(self.time) if t > time]
-        chosen = {
+        chosen: dict[str, Any] = {
             f.name: [getattr(self, f.name)[n] for n in keep]
             for f in fields(self)
             if isinstance(getattr(self, f.name), list)

@@ -8,6 +8,7 @@ at its ends that are more porous do not belong to it.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -115,9 +116,7 @@ def sighted(
     return found
 
 
-def follow(
-    samples: Samples, limit: float = POROSITY, shortest: float = SHORTEST
-) -> list[Track]:
+def follow(samples: Samples, limit: float = POROSITY, shortest: float = SHORTEST) -> list[Track]:
     """Tracks of all slugs.
 
     A slug is the one of the sample before with which it shares most of its length; where two have
@@ -139,7 +138,8 @@ def follow(
         for shared, a, b in pairs:
             if shared <= 0 or a in taken_tracks or b in taken_slugs:
                 continue
-            taken_tracks.add(a), taken_slugs.add(b)
+            taken_tracks.add(a)
+            taken_slugs.add(b)
             present[a].sightings.append(seen[b])
             going.append(present[a])
         for b, s in enumerate(seen):
@@ -261,7 +261,7 @@ def along(samples: Samples, bins: int = 21, shortest: float = SHORTEST) -> Along
     tracks, names = follow(samples, shortest=shortest), ("least_porosity", "top_velocity", "length")
     means: dict[str, list[Estimate]] = {name: [] for name in names}
     spread: dict[str, list[Array]] = {name: [] for name in names}
-    for low, high in zip(edges[:-1], edges[1:], strict=True):
+    for low, high in pairwise(edges):
         inside = [t for t in (t.within(low, high) for t in tracks) if t.sightings]
         for name in names:
             values = [np.mean([getattr(s, name) for s in t.sightings]) for t in inside]
@@ -285,9 +285,9 @@ class Profile:
     """The average slug at a place, the counterpart of figures 12 to 16 of the paper.
 
     offset : from the centre of mass, downstream positive [m]
-    porosity; velocity of the grains [m/s]; temperature, a third of the mean square of the velocity's
-    fluctuation in a slice [m2/s2]; drag and contact force on a grain along the tube [N]; wall
-    stress [Pa]: means and standard errors (2, n)
+    porosity; velocity of the grains [m/s]; temperature, a third of the mean square of the
+    velocity's fluctuation in a slice [m2/s2]; drag and contact force on a grain along the tube [N];
+    wall stress [Pa]: means and standard errors (2, n)
     """
 
     offset: Array
@@ -327,10 +327,11 @@ def profile(
     count = len(rows["porosity"])
 
     def mean(name: str) -> Array:
-        estimates = [Estimate.of(column) for column in np.array(rows[name]).reshape(count, -1).T]
+        columns = np.array(rows[name]).T if count else np.empty((len(offset), 0))
+        estimates = [Estimate.of(column) for column in columns]
         return np.array([[e.value for e in estimates], [e.error for e in estimates]])
 
-    return Profile(offset, *(mean(name) for name in _PROFILES), slugs=count)
+    return Profile(offset, **{name: mean(name) for name in _PROFILES}, slugs=count)
 
 
 _PROFILES = ("porosity", "velocity", "temperature", "drag", "contact", "wall_stress")

@@ -14,9 +14,10 @@ from fem_tfm.errors import InputError
 from fem_tfm.geometry.section import Section
 from fem_tfm.geometry.shapes import Bend, Shape
 from fem_tfm.models.slug.feed import Feed, Feeder, filled
+from fem_tfm.models.slug.gas import TubeGas
 from fem_tfm.models.slug.grains import STEPS_PER_CONTACT, Grain, Grains, Walls
 from fem_tfm.models.slug.mesh import TubeMesh, tube_mesh
-from fem_tfm.models.slug.pressure import GasPressure, TubeGas
+from fem_tfm.models.slug.pressure import GasPressure
 from fem_tfm.parameters import Parameters, parameter
 
 # a time step that is not given is this share of the longest one
@@ -60,7 +61,7 @@ class Steps(Parameters):
 
     time_step: float | None = parameter(None, "s", "time step of the grains", gt=0, le=1)
     gas_step: float = parameter(5e-4, "s", "time step of the gas pressure", gt=0, le=10)
-    cells_across: int = parameter(2, doc="cells of the pressure's mesh across", ge=2, le=100)
+    cells_across: int = parameter(2, doc="cells of the pressure's mesh across", ge=1, le=100)
     cells_along: int | None = parameter(None, doc="cells along the tube", ge=1, le=1000000)
     skin: float = parameter(0.2, doc="skin of the neighbour list over the diameter", gt=0, le=2)
     threads: int = parameter(1, doc="threads that share the grains", ge=1, le=1024)
@@ -193,14 +194,18 @@ class SlugTube:
 
     def state(self) -> dict[str, Any]:
         """Everything that the next step depends on: a flat dictionary of arrays and one text."""
-        parts = {"grains": self.grains, "gas": self.gas, "feed": self.feeder}
-        found = {f"{name}.{key}": value for name, part in parts.items() for key, value in part.state().items()}
+        found: dict[str, Any] = {}
+        for name, part in self._parts().items():
+            found |= {f"{name}.{key}": value for key, value in part.state().items()}
         return found | {"tube.numbers": np.array([self.number, self.out, self.start])}
+
+    def _parts(self) -> dict[str, Any]:
+        return {"grains": self.grains, "gas": self.gas, "feed": self.feeder}
 
     def restore(self, state: dict[str, Any]) -> None:
         """Put back what `state` gave; the steps that follow have the same bits."""
-        for name, part in (("grains", self.grains), ("gas", self.gas), ("feed", self.feeder)):
+        for name, part in self._parts().items():
             own = {k.partition(".")[2]: v for k, v in state.items() if k.startswith(f"{name}.")}
-            part.restore(own)  # type: ignore[attr-defined]
+            part.restore(own)
         self.number, self.out, self.start = (int(n) for n in state["tube.numbers"])
         self.gas.take(self.grains)
