@@ -26,7 +26,7 @@ struct Lanes {
     alignas(32) uint32_t step[8], low[8], high[8];
     uint32_t bounces[8];
     alignas(64) double omega[3][8], temperature[8], mass[8];
-    alignas(32) float ratio[8], conduct[8];
+    alignas(32) float ratio[8], light[8], conduct[8], capacity[8];
     unsigned active;
 };
 
@@ -54,8 +54,15 @@ INLINE void settle_lane(const Job& job, Lanes& s, int k, int32_t i) {
     s.reynolds[k] = (float)(d * job.gas.density / job.gas.viscosity);
     s.limit[k] = d > 0 ? (float)o.relaxation : 1e30f;
     s.ratio[k] = (float)kappa;
+    s.light[k] = (float)(1 / inertia);
     for (int j = 0; j < 3; ++j)
-        s.body[j][k] = d > 0 ? o.gravity[j] * (o.buoyancy ? 1 - kappa : 1.0) / inertia : 0.0;
+        s.body[j][k] = d > 0 ? o.gravity[j] * (o.buoyancy ? 1 - kappa : 1.0) : 0.0;
+    if (o.heat) {
+        const double capacity = o.heat_capacity[c.material[i]];
+        const double conduct = d > 0 ? 6 * job.gas.conductivity / (rho * capacity * d * d) : 1e9;
+        s.conduct[k] = (float)(conduct < 1e9 ? conduct : 1e9);
+        s.capacity[k] = (float)capacity;
+    }
     s.cell[k] = c.cell[i];
     s.table[k] = c.material[i] * kernel::DRAG_ROWS;
     s.step[k] = c.step[i];
@@ -209,13 +216,14 @@ struct Stepper {
         f8 u[3];
         seen(g, mirror, dt, vf, u, ue);
         // drag
-        f8 slip[3], body[3];
+        // of body, the weight is no force of the gas
+        f8 slip[3], weight[3], body[3], spin[3];
         for (int i = 0; i < 3; ++i) {
             slip[i] = u[i] - vf[i];
-            body[i] = to_float(load(s.body[i]));
+            weight[i] = to_float(load(s.body[i]));
+            body[i] = weight[i];
         }
-        f8 force[3] = {splat(0.0f), splat(0.0f), splat(0.0f)};
-        if (FULL) further_forces(g, mirror, slip, force);
+        if (FULL) further_forces(g, mirror, slip, body, spin);
         const f8 stokes = load(s.stokes), reynolds = load(s.reynolds);
         const i8 table = load(s.table);
         const f8 re0 = reynolds * root(slip[0] * slip[0] + slip[1] * slip[1] + slip[2] * slip[2]);
@@ -224,7 +232,7 @@ struct Stepper {
         const f8 h0 = b0 * half, way0 = mean_decay(h0, decay) * half;
         f8 size = splat(0.0f), middle_slip[3];
         for (int i = 0; i < 3; ++i) {
-            middle_slip[i] = slip[i] - way0 * (b0 * slip[i] + body[i] + force[i]);
+            middle_slip[i] = slip[i] - way0 * (b0 * slip[i] + body[i]);
             size += middle_slip[i] * middle_slip[i];
         }
         const f8 re = reynolds * root(size);
@@ -234,11 +242,11 @@ struct Stepper {
         const f8 lag = dt * select(h < 1e-3f, dt * (0.5f - h * (1.0f / 6)), (1.0f - mean) / larger(b, splat(1e-20f)));
         d8 target[3], speed[3], gain[3];
         for (int i = 0; i < 3; ++i) {
-            const f8 push = b * slip[i] + body[i] + force[i];
+            const f8 push = b * slip[i] + body[i];
             const d8 change = to_double(way * push);
             target[i] = x[i] + dt_d * v[i] + to_double(lag * push);
             speed[i] = v[i] + change;
-            gain[i] = change - dt_d * to_double(body[i]);
+            gain[i] = change - dt_d * to_double(weight[i]);
         }
         store(s.rate, b);
         for (int i = 0; i < 3; ++i) {
@@ -247,8 +255,8 @@ struct Stepper {
         }
         store(s.time, load(s.time) + dt_d);
         store(s.step, load(s.step) + 1u);
-        if (FULL) heat_and_spin(g, re, dt);
-        if (job.with_sinks) book(place.cell, mirror, dt, way, gain, v, lag, b, slip, body, force);
+        if (FULL) heat_and_spin(g, place.cell, re, dt, spin);
+        if (job.with_sinks) book(place.cell, mirror, dt, way, gain, v, lag, b, slip, body);
         next_step(g, place, target, middle, speed, mirror, b);
         const i8 hit = outside(target);
         for (int i = 0; i < 3; ++i) store(s.x[i], target[i]);
@@ -466,9 +474,9 @@ struct Stepper {
         f8 e;
         f8 drift = mean_decay(h, e) * dt * inverse_root(1.0f + h * h * (1.0f / 12));
         // tau_p/T of the last step; the drift fades with inertia
-        if (o.inertia) {
+        if (o.inertia > 0) {
             const f8 rate = load(s.rate);
-            drift *= rate / (rate + g.rate + 1e-30f);
+            drift *= rate / (rate + (float)o.inertia * g.rate + 1e-30f);
         }
         if (o.crossing > 0) {
             crossing(g, m, h, v, xi, n, chance, now);
@@ -520,13 +528,126 @@ struct Stepper {
         }
     }
 
-    // accelerations beside drag and weight
-    INLINE void further_forces(const Sample& g, const Mirror& m, const f8 slip[3], f8 force[3]);
-    INLINE void heat_and_spin(const Sample& g, f8 re, f8 dt);
+    // accelerations beside drag, added to the weight, and the rotation of the gas
+    INLINE void further_forces(const Sample& g, const Mirror& m, const f8 slip[3], f8 body[3], f8 spin[3]) {
+        const Options& o = job.options;
+        f8 pressure[3];
+        for (int i = 0; i < 3; ++i) pressure[i] = g.pressure[i], spin[i] = g.spin[i];
+        f8 hand = m.sign[0] * m.sign[1];
+        if (m.any_beyond) {
+            mirror_vector(m, pressure);
+            mirror_vector(m, spin);
+            for (int i = 0; i < 2; ++i) hand = select(m.beyond[i], -hand, hand);
+        }
+        for (int i = 0; i < 2; ++i) pressure[i] *= m.sign[i], spin[i] *= m.sign[i];
+        // a rotation is mirrored the other way round
+        for (int i = 0; i < 3; ++i) spin[i] *= hand;
+        const f8 ratio = load(s.ratio), light = load(s.light);
+        const f8 moved = splat((o.pressure ? 1.0f : 0.0f) + (float)o.added_mass);
+        for (int i = 0; i < 3; ++i) body[i] -= ratio * moved * pressure[i];
+        if (o.saffman || o.magnus) lift(slip, spin, body);
+        for (int i = 0; i < 3; ++i) body[i] *= light;
+    }
+
+    static INLINE void cross(const f8 a[3], const f8 b[3], f8 c[3]) {
+        c[0] = a[1] * b[2] - a[2] * b[1];
+        c[1] = a[2] * b[0] - a[0] * b[2];
+        c[2] = a[0] * b[1] - a[1] * b[0];
+    }
+
+    static INLINE f8 norm(const f8 a[3]) { return root(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
+
+    // Saffman's force with Mei's correction, and that of Magnus after Oesterle and Bui Dinh
+    INLINE void lift(const f8 slip[3], const f8 spin[3], f8 body[3]) {
+        const Options& o = job.options;
+        const f8 tiny = splat(1e-12f), ratio = load(s.ratio), reynolds = load(s.reynolds);
+        const float nu = (float)(job.gas.viscosity / job.gas.density);
+        const f8 d = larger(reynolds * nu, splat(1e-12f)), speed = larger(norm(slip), tiny);
+        const f8 re = larger(reynolds * speed, splat(1e-9f));
+        const i8 solid = reynolds > 0.0f;
+        f8 c[3];
+        if (o.saffman) {
+            const f8 turn = larger(norm(spin), tiny);
+            const f8 beta = 0.5f * turn * d / speed, half = root(beta);
+            const f8 low = (1.0f - 0.3314f * half) * exponential(-0.1f * re) + 0.3314f * half;
+            const f8 mei = select(re < 40.0f, low, 0.0524f * root(beta * re));
+            // 1.615 x 6/pi
+            const f8 a = 3.084423f * ratio * root(nu / turn) / d * mei;
+            cross(slip, spin, c);
+            for (int i = 0; i < 3; ++i) body[i] += select(solid, a * c[i], splat(0.0f));
+        }
+        if (o.magnus) {
+            f8 turn[3];
+            for (int i = 0; i < 3; ++i) turn[i] = 0.5f * spin[i] - to_float(load(s.omega[i]));
+            const f8 size = larger(norm(turn), tiny), quick = d * size / speed;
+            const f8 rotation = larger(reynolds * d * size, splat(1e-9f));
+            const f8 fade = exponential(-0.05684f * exponential_any(0.4f * logarithm(rotation) + 0.3f * logarithm(re)));
+            const f8 lift = 0.45f + (quick - 0.45f) * fade;
+            const f8 a = 0.75f * ratio * lift * speed / (size * d);
+            cross(turn, slip, c);
+            for (int i = 0; i < 3; ++i) body[i] += select(solid, a * c[i], splat(0.0f));
+        }
+    }
+
+    // e^x, |x| < 87
+    static INLINE f8 exponential_any(f8 x) {
+        const f8 e = exponential(-absolute(x));
+        return select(x > 0.0f, 1.0f / e, e);
+    }
+
+    // temperature and rotation at the end of the step
+    INLINE void heat_and_spin(const Sample& g, i8 cell, f8 re, f8 dt, const f8 spin[3]) {
+        const Options& o = job.options;
+        f8 decay;
+        if (o.magnus) {
+            const float nu = (float)(job.gas.viscosity / job.gas.density);
+            const f8 reynolds = load(s.reynolds), d = larger(reynolds * nu, splat(1e-12f));
+            f8 turn[3];
+            for (int i = 0; i < 3; ++i) turn[i] = 0.5f * spin[i] - to_float(load(s.omega[i]));
+            const f8 size = norm(turn), rotation = larger(reynolds * d * size, splat(1e-9f));
+            // C_R Re_R: 64 pi, then 12.9 Re_R^(1/2) + 128.4
+            const f8 torque = select(rotation < 32.0f, splat(201.06193f), 12.9f * root(rotation) + 128.4f);
+            const f8 rate = 0.29841552f * load(s.ratio) * torque * nu / (d * d);
+            const f8 h = smaller(rate * dt, splat(80.0f)), share = h * mean_decay(h, decay);
+            for (int i = 0; i < 3; ++i)
+                store(s.omega[i], load(s.omega[i]) + to_double(share * turn[i]));
+        }
+        if (o.heat) {
+            const double prandtl = job.gas.viscosity * job.gas.heat_capacity / job.gas.conductivity;
+            const f8 nusselt = 2.0f + 0.6f * root(re) * (float)__builtin_cbrt(prandtl);
+            const f8 h = load(s.conduct) * nusselt * dt, share = h * mean_decay(h, decay);
+            const d8 before = load(s.temperature);
+            const f8 change = share * (g.temperature - to_float(before));
+            store(s.temperature, before + to_double(change));
+            if (job.with_heat_sinks) book_heat(cell, change, share);
+        }
+    }
+
+    INLINE void book_heat(i8 cell, f8 change, f8 share) {
+        const d8 flow = load(s.weight) * to_double(load(s.capacity));
+        alignas(64) double given[8], slope[8];
+        store(given, flow * to_double(change) * splat_double(job.scales.heat_scale));
+        store(slope, flow * to_double(share) * splat_double(job.scales.heat_slope));
+        for (unsigned left = s.active; left; left &= left - 1) {
+            const int k = __builtin_ctz(left);
+            int64_t* sum = out.sinks.heat + 2 * (int64_t)cell[k];
+            sum[0] += whole(given[k]);
+            sum[1] += whole(slope[k]);
+        }
+    }
+
+    // the nearest whole number, below 2^51
+    static INLINE int64_t whole(double x) {
+        const double magic = 6755399441055744.0, sum = x + magic;
+        int64_t value, zero;
+        __builtin_memcpy(&value, &sum, 8);
+        __builtin_memcpy(&zero, &magic, 8);
+        return value - zero;
+    }
 
     // sums of a step, in units so that they add up without round-off
     INLINE void book(i8 cell, const Mirror& m, f8 dt, f8 way, const d8 gain[3], const d8 v[3], f8 lag,
-                     f8 b, const f8 slip[3], const f8 body[3], const f8 force[3]) {
+                     f8 b, const f8 slip[3], const f8 body[3]) {
         const kernel::Sinks& scale = job.scales;
         const double magic = 6755399441055744.0;
         alignas(64) double parts[kernel::SUMS][8];
@@ -538,7 +659,7 @@ struct Stepper {
             // folded: what acts on a mirrored place is mirrored
             const d8 sign = i < 2 ? to_double(m.sign[i]) : splat_double(1.0);
             store(parts[i], impulse * gain[i] * sign + one);
-            const d8 path = to_double(dt) * v[i] + to_double(lag * (b * slip[i] + body[i] + force[i]));
+            const d8 path = to_double(dt) * v[i] + to_double(lag * (b * slip[i] + body[i]));
             store(parts[5 + i], moment * path * sign + one);
         }
         store(parts[3], weight * to_double(way * b) * splat_double(scale.slope) + one);
@@ -692,12 +813,6 @@ struct Stepper {
         return deposited;
     }
 };
-
-template <class Kind, bool FULL>
-INLINE void Stepper<Kind, FULL>::further_forces(const Sample&, const Mirror&, const f8[3], f8[3]) {}
-
-template <class Kind, bool FULL>
-INLINE void Stepper<Kind, FULL>::heat_and_spin(const Sample&, f8, f8) {}
 
 template <class Kind, bool FULL>
 __attribute__((noinline)) void run(const Job& job, int64_t begin, int64_t end, Output& out) {

@@ -122,7 +122,7 @@ struct Options {
     // dispersion
     Dispersion dispersion = Dispersion::none;
     double crossing = 0;  // beta of Csanady, 0 for none
-    bool inertia = true;
+    double inertia = 1;   // c of 1/(1 + c tau_p/T_L)
     // wall
     Impact impact = Impact::elastic;
     double restitution = 1, friction = 0, roughness = 0, stick_speed = 0;

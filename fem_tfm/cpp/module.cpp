@@ -148,7 +148,7 @@ kernel::Options options_of(const nb::dict& o, int64_t materials) {
     found.heat_capacity = data<double>(o, "particle_heat_capacity", (size_t)materials);
     found.dispersion = static_cast<kernel::Dispersion>(whole(o, "dispersion"));
     found.crossing = number(o, "crossing");
-    found.inertia = flag(o, "inertia");
+    found.inertia = number(o, "inertia");
     found.impact = static_cast<kernel::Impact>(whole(o, "impact"));
     found.restitution = number(o, "restitution");
     found.friction = number(o, "friction");

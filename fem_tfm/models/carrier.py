@@ -7,13 +7,16 @@ gives its end. `deposit` turns the sums of the tracker into functions on the mes
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from typing import Any
 
 import numpy as np
 from dolfinx import fem
+from mpi4py import MPI
 
 from fem_tfm.closures.particles.dispersion import ParticleDispersion
+from fem_tfm.closures.turbulence.gas import Laminar
+from fem_tfm.closures.turbulence.k_epsilon import C_MU
 from fem_tfm.errors import InputError
 from fem_tfm.fenics import compile_expression
 from fem_tfm.geometry.mesh import Mesh
@@ -23,9 +26,12 @@ from fem_tfm.models.particles.grid import Floats, Gathered, Grid
 from fem_tfm.models.particles.sinks import Sinks
 from fem_tfm.models.reynolds_stress.section import ReynoldsStressSection
 from fem_tfm.models.section import Section
+from fem_tfm.models.two_fluid.section import TwoFluidSection
 
 # names of what `deposit` makes, and how many components each has
 DEPOSITS = {"impulse": 3, "slope": 1, "residence": 1, "moment": 3, "heat": 1, "heat_slope": 1}
+# the least turbulent energy that particles see [m2/s2]
+SMALLEST_ENERGY = 1e-12
 # places of the six unknown stresses in R
 STRESSES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 
@@ -86,6 +92,7 @@ class _SectionCarrier(Carrier):
         super().__init__(section.mesh, gas)
         self.section, self.dispersion = section, dispersion
         self._dofs: dict[str, list[np.ndarray]] = {}
+        self._expressions: tuple[fem.Function, list[fem.Expression], np.ndarray] | None = None
 
     def nodal(self, name: str) -> Floats:
         """Values of an unknown at the nodes that this rank gives, (nodes, components)."""
@@ -119,7 +126,7 @@ class ReynoldsStressCarrier(_SectionCarrier):
         else:
             k = np.exp(self.nodal("q")[:, 0])
             stress = self._modelled_stress() if turbulent else np.zeros((len(k), 3, 3))
-        k = np.maximum(k, 1e-12)
+        k = np.maximum(k, SMALLEST_ENERGY)
         distance = float(setup.numbers.wall_offset)
         covered = setup.function.strip(k, distance, float(setup.numbers.viscosity))
         gradient = np.zeros_like(velocity)
@@ -143,18 +150,79 @@ class ReynoldsStressCarrier(_SectionCarrier):
     def _modelled_stress(self) -> Floats:
         """Stresses of an eddy viscosity at the nodes that this rank gives."""
         section = self.section
-        if not hasattr(self, "_stress"):
+        if self._expressions is None:
             space = fem.functionspace(section.mesh.mesh, ("Lagrange", 2, (3, 3)))
             expression = section.model.stress(section.state(section.now))
+            made = compile_expression(expression, space.element.interpolation_points)
+            dofs = self.gathered.at_nodes(space.dofmap)
+            self._expressions = fem.Function(space), [made], dofs
+        function, expressions, dofs = self._expressions
+        function.interpolate(expressions[0])
+        return np.asarray(function.x.array.reshape(-1, 3, 3)[dofs])
+
+
+class TwoFluidCarrier(_SectionCarrier):
+    """The gas of a two-fluid section.
+
+    Its stresses are 2/3 k I. An algebraic eddy viscosity stands for the turbulence in equilibrium
+    that would have it: eps = nu_t S^2 and k = nu_t S/C_mu^(1/2), S the shear rate.
+    """
+
+    section: TwoFluidSection
+
+    def update(self) -> None:
+        """Read velocity, stresses and T_L (collective)."""
+        velocity = self.nodal("u_g")
+        gradient = np.zeros_like(velocity)
+        gradient[:, 2] = -float(self.section.drive.value) / self.gas.density
+        columns = [velocity, gradient]
+        scales = self._scales() if self.dispersion.turbulent else None
+        if scales is not None:
+            k, eps = scales
+            columns += [k[:, None], self.dispersion.life(k, eps)[:, None]]
+        whole = self.gathered.gather(np.concatenate(columns, axis=1))
+        stress = time = None
+        if scales is not None:
+            stress, time = 2 / 3 * whole[:, 6, None, None] * np.eye(3), whole[:, 7]
+        self.field.fill(
+            velocity=whole[:, :3], stress=stress, time=time, pressure_gradient=whole[:, 3:6]
+        )
+
+    def _scales(self) -> tuple[Floats, Floats] | None:
+        """k [m2/s2] and eps [m2/s3] at the nodes that this rank gives; None in a laminar gas."""
+        if "ln_k" in self.section.names:
+            k, eps = (np.exp(self.nodal(name)[:, 0]) for name in ("ln_k", "ln_eps"))
+            return k, eps
+        if isinstance(self.section.setup.model.turbulence, Laminar):
+            return None
+        shear, viscosity = self._shear_and_viscosity()
+        k = np.maximum(viscosity * shear / math.sqrt(C_MU), SMALLEST_ENERGY)
+        comm = self.mesh.mesh.comm
+        most = comm.allreduce(float(k.max(initial=0.0)), MPI.MAX)
+        # no eddy turns more slowly than the largest across the section
+        least = math.sqrt(most) / self.mesh.section.hydraulic_diameter
+        return k, k * np.maximum(shear * math.sqrt(C_MU), least)
+
+    def _shear_and_viscosity(self) -> tuple[Floats, Floats]:
+        """S [1/s] and nu_t [m2/s] at the nodes that this rank gives."""
+        section = self.section
+        if self._expressions is None:
+            eddies = section.model.eddies(section.state(section.now))
+            mu = section.model.closures.turbulence.viscosity(eddies)
+            space = fem.functionspace(section.mesh.mesh, ("Lagrange", 2))
             points = space.element.interpolation_points
-            self._stress = fem.Function(space), compile_expression(expression, points)
-            self._stress_dofs = self.gathered.at_nodes(space.dofmap)
-        function, expression = self._stress
-        function.interpolate(expression)
-        return np.asarray(function.x.array.reshape(-1, 3, 3)[self._stress_dofs])
+            made = [compile_expression(e, points) for e in (eddies.strain, mu)]
+            dofs = self.gathered.at_nodes(space.dofmap)
+            self._expressions = fem.Function(space), made, dofs
+        function, expressions, dofs = self._expressions
+        found = []
+        for expression in expressions:
+            function.interpolate(expression)
+            found.append(function.x.array[dofs])
+        return found[0], found[1] / self.gas.density
 
 
-def SectionCarrier(section: Any, gas: Gas, dispersion: ParticleDispersion) -> _SectionCarrier:
+def SectionCarrier(section: Section, gas: Gas, dispersion: ParticleDispersion) -> _SectionCarrier:
     """The carrier of a section of any model, with its gas and a law of dispersion.
 
     Raises
@@ -164,4 +232,6 @@ def SectionCarrier(section: Any, gas: Gas, dispersion: ParticleDispersion) -> _S
     """
     if isinstance(section, ReynoldsStressSection):
         return ReynoldsStressCarrier(section, gas, dispersion)
+    if isinstance(section, TwoFluidSection):
+        return TwoFluidCarrier(section, gas, dispersion)
     raise InputError("particles.carrier", type(section).__name__, "a section of a known model")

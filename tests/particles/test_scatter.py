@@ -125,7 +125,7 @@ def test_crossing_trajectories(law: object) -> None:
 
     The gas that they see spreads them by sigma^2 T_i t each way.
     """
-    r, slip, n = np.eye(3), 20.0, 20000
+    r, slip, n = np.eye(3), 20.0, 8000
     # the drag is linear and slow: the fluctuation of v is small beside the slip
     beads = Solids(density=1800.0, diameter=1e-4)
     from fem_tfm.closures.drag import ConstantDrag
@@ -140,7 +140,7 @@ def test_crossing_trajectories(law: object) -> None:
     # stationary fluctuation of v by a force of correlation time T_i: sigma^2 B T_i/(1 + B T_i)
     along, across = 0.05 / np.sqrt(1 + slip**2), 0.05 / np.sqrt(1 + 4 * slip**2)
     exact = [2 * t / (1 + 2 * t) * (1 - np.exp(-2 * 2 * 1.5)) for t in (across, across, along)]
-    assert parcels.v.var(axis=0) == pytest.approx(exact, rel=0.06)
+    assert parcels.v.var(axis=0) == pytest.approx(exact, rel=0.09)
 
 
 def test_no_dispersion_without_turbulence() -> None:

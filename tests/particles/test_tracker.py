@@ -237,8 +237,8 @@ def test_rough_walls_scatter_and_lift_flat_paths() -> None:
     assert abs(sideways.mean()) < 4 * sideways.std() / math.sqrt(n)
 
 
-@pytest.mark.parametrize(("speed", "stuck"), [(None, True), (0.5, False), (2.5, True)])
-def test_sticking(speed: float | None, stuck: bool) -> None:
+@pytest.mark.parametrize(("speed", "stuck"), [(0.0, True), (0.5, False), (2.5, True)])
+def test_sticking(speed: float, stuck: bool) -> None:
     parcels = fall(Stick(speed=speed), [0, -2.0, 1.0])
     assert parcels.status[0] == (2 if stuck else 0)
     if stuck:

@@ -51,7 +51,7 @@ class MeanFlow(ParticleDispersion):
 
     def numbers(self) -> dict[str, Any]:
         """Numbers of the kernel."""
-        return {"dispersion": 0, "crossing": 0.0, "inertia": False}
+        return {"dispersion": 0, "crossing": 0.0, "inertia": 0.0}
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,9 @@ class _Scattered(ParticleDispersion):
     crossing: float = parameter(
         0.0, "-", "beta of crossing trajectories, 0 for none, about 1 with it", ge=0, le=10
     )
-    inertia: bool = parameter(True, doc="drift of a particle fades as 1/(1 + tau_p/T_L)")
+    inertia: float = parameter(
+        1.0, "-", "c of the drift of a particle, which fades as 1/(1 + c tau_p/T_L)", ge=0, le=10
+    )
 
     number: ClassVar[int] = 0
 
@@ -80,7 +82,7 @@ class _Scattered(ParticleDispersion):
 class Langevin(_Scattered):
     """Normalised Langevin equation with the drift that keeps a mixed cloud mixed.
 
-        d xi_j = -xi_j dt/T + d_i L_ij dt/(1 + tau_p/T_L) + sqrt(2/T) dW_j
+        d xi_j = -xi_j dt/T + d_i L_ij dt/(1 + c tau_p/T_L) + sqrt(2/T) dW_j
         T      = T_L/sqrt(1 + (beta w/sigma)^2) along w, T_L/sqrt(1 + (2 beta w/sigma)^2) across
 
     Validity: homogeneous turbulence and wall layers; sub-grid structures are not resolved.
@@ -97,7 +99,7 @@ class Langevin(_Scattered):
 class Eddies(_Scattered):
     """Discrete eddies of random life with the drift that keeps a mixed cloud mixed.
 
-        xi is drawn anew at the rate 1/T;   between draws d xi_j = d_i L_ij dt/(1 + tau_p/T_L)
+        xi is drawn anew at the rate 1/T;   between draws d xi_j = d_i L_ij dt/(1 + c tau_p/T_L)
         T as for the Langevin equation
 
     Validity: as for the Langevin equation.

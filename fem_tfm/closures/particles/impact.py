@@ -74,16 +74,16 @@ class Restitution(ImpactLaw):
 class Stick(ImpactLaw):
     """Particles stay where they touch, unless they come fast.
 
-        deposited if v_n < v_c, elastic above
+        deposited if v_n < v_c or v_c = 0, elastic otherwise
 
     Validity: fine or wet particles.
     Source: definition.
     """
 
-    speed: float | None = parameter(
-        None, "m/s", "normal speed v_c from which a particle rebounds; without it none does", gt=0
+    speed: float = parameter(
+        0.0, "m/s", "normal speed v_c from which a particle rebounds; 0: none does", ge=0
     )
 
     def numbers(self) -> dict[str, Any]:
         """Numbers of the kernel."""
-        return _numbers(2, stick_speed=math.inf if self.speed is None else self.speed)
+        return _numbers(2, stick_speed=self.speed or math.inf)

@@ -29,8 +29,8 @@ class Field:
 
     density, viscosity : of the gas [kg/m3], [Pa s]
     rows : (nodes, 16) velocity [m/s], 1/T_L [1/s], T_L [s], Cholesky factor of the Reynolds
-        stresses L11 L21 L22 L31 L32 L33 [m/s], 1/(kappa u+) of the strip at the wall, temperature [K],
-        grad p/rho [m/s2]
+        stresses L11 L21 L22 L31 L32 L33 [m/s], 1/(kappa u+) of the strip at the wall,
+        temperature [K], grad p/rho [m/s2]
     rows_ahead : the rows at the end of `span`, linear in between; None for one station
     span : z [m], or times [s], of the rows
     conductivity, heat_capacity : of the gas [W/m/K], [J/kg/K]

@@ -18,6 +18,7 @@ from mpi4py import MPI
 from scipy.spatial import cKDTree
 
 from fem_tfm import _kernel
+from fem_tfm.errors import InputError
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.section import RectangularSection, Section
 from fem_tfm.models.particles import shapes
@@ -161,6 +162,23 @@ def neighbours(cell: Cell, nodes: Integers) -> Integers:
     return np.ascontiguousarray(found.reshape(len(nodes), -1))
 
 
+def node_coordinates(domain: Any, cell: Cell, degree: int) -> Floats:
+    """Places of the nodes of the owned cells, (cells, nodes of a cell, dim), as the mesh has them.
+
+    Where its geometry is of degree one, nodes of degree two lie half-way between vertices.
+    """
+    dim = domain.topology.dim
+    own = domain.topology.index_map(dim).size_local
+    x = domain.geometry.x[np.asarray(domain.geometry.dofmaps[0])[:own]][:, :, :dim]
+    given = domain.geometry.cmaps[0].degree
+    if given not in (1, degree):
+        raise InputError("mesh.order", given, f"1 or {degree}")
+    if given != degree:
+        middles = [x[:, list(pair)].sum(axis=1) / len(pair) for pair in cell.middles]
+        x = np.concatenate([x, np.stack(middles, axis=1)], axis=1)
+    return np.ascontiguousarray(x[:, cell.order])
+
+
 @dataclass(eq=False)
 class Gathered:
     """A mesh with its nodes of degree two (sections) or one (lines) on every rank.
@@ -185,12 +203,12 @@ class Gathered:
         cells = domain.topology.index_map(domain.topology.dim)
         local = space.dofmap.list[: cells.size_local].astype(np.int64)[:, cell.order]
         keys = space.dofmap.index_map.local_to_global(local.ravel().astype(np.int32))
-        x = space.tabulate_dof_coordinates()[local.ravel()][:, : domain.topology.dim]
+        x = node_coordinates(domain, cell, degree)
         original = np.asarray(domain.topology.original_cell_index[: cells.size_local])
         comm = domain.comm
         order = np.concatenate(comm.allgather(original))
         keys_all = np.concatenate(comm.allgather(keys.reshape(local.shape)))
-        x_all = np.concatenate(comm.allgather(x.reshape(*local.shape, -1)))
+        x_all = np.concatenate(comm.allgather(x))
         ranked = np.argsort(order, kind="stable")
         number = np.empty(len(order), dtype=np.int32)
         number[ranked] = np.arange(len(order), dtype=np.int32)

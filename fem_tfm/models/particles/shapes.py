@@ -35,7 +35,8 @@ class Cell:
     reference : (nodes, dim) coordinates of the nodes
     origin : reference coordinates of the origin of the map
     powers : exponents of the monomials of the map, the constant left out
-    unit : size of the reference cell
+    rule : points and weights that measure a cell
+    middles : DOLFINx's vertices between which its further nodes lie
     """
 
     number: int
@@ -46,6 +47,7 @@ class Cell:
     origin: Floats
     powers: tuple[tuple[int, ...], ...]
     rule: Callable[[], tuple[Floats, Floats]]
+    middles: tuple[tuple[int, ...], ...] = ()
 
     def coefficients(self, nodes: Floats) -> Floats:
         """Coefficients of the monomials of the maps, shape (cells, 1 + powers, dim) [m]."""
@@ -142,6 +144,7 @@ QUADRILATERAL = Cell(
     origin=np.zeros(2),
     powers=((1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (2, 1), (1, 2), (2, 2)),
     rule=lambda: _gauss(2, 3),
+    middles=((0, 1), (0, 2), (1, 3), (2, 3), (0, 1, 2, 3)),
 )
 TRIANGLE = Cell(
     number=1,
@@ -152,6 +155,7 @@ TRIANGLE = Cell(
     origin=np.zeros(2),
     powers=((1, 0), (0, 1), (1, 1), (2, 0), (0, 2)),
     rule=_triangle_rule,
+    middles=((1, 2), (0, 2), (0, 1)),
 )
 TETRAHEDRON = Cell(
     number=2,
