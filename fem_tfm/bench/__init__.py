@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from fem_tfm.bench import duct, error, stress, unsteady, unsteady_error
+from fem_tfm.bench import duct, error, grains, stress, unsteady, unsteady_error
 from fem_tfm.errors import InputError, nearest
 
 BENCHMARKS: dict[str, Callable[[Path], str]] = {
     "error": error.run,
     "duct": duct.run,
+    "grains": lambda out: grains.run(),
     "stress": lambda out: stress.run(),
     "stress-quick": lambda out: stress.run_quick(),
     "stress-turbulence": lambda out: stress.run_turbulent(),

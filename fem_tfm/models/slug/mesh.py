@@ -7,14 +7,11 @@ layer * (nodes of the section) + node of the section makes every matrix a narrow
 
 from __future__ import annotations
 
-import functools
-
 import basix.ufl
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
-from scipy import sparse
 
 from fem_tfm._kernel import grains as kernel
 from fem_tfm.errors import InputError
@@ -59,9 +56,14 @@ def tube_mesh(section: Section, length: float, across: int, layers: int | None =
 class TubeMesh:
     """Continuous trilinear functions on the tube's mesh, by their nodal values in tube order.
 
+    All slices are alike: a cell is a quadrilateral of the section in a layer, and what belongs to a
+    cell is an array (quads, layers, ...).
+
     space : of DOLFINx
     order : dof of DOLFINx of each node; node of each dof is `rank`
     points : places of the nodes (n, 3) [m]
+    planes : heights of the planes of nodes (layers + 1,) [m]
+    cells : nodes of the cells (quads, layers, 8)
     volumes : integrals of the nodal basis functions (n,) [m3]
     """
 
@@ -76,26 +78,49 @@ class TubeMesh:
         self.rank = np.empty_like(self.order)
         self.rank[self.order] = np.arange(len(points))
         self.points = points[self.order]
-        self.planes = np.unique(flat[:, 2]) * np.abs(points).max()
-        self.per_plane = len(points) // len(self.planes)
-        self.cells = self.rank[self.space.dofmap.list]
-        self._check_layers()
-        self.volumes = self.integrals(np.ones(self.weights.size))
-        self.tents = kernel.Tents(*self._section_cells(), self.planes)
+        layers = len(np.unique(flat[:, 2]))
+        self.per_plane = len(points) // layers
+        self.planes = self.points[:: self.per_plane, 2].copy()
+        self.cells = self._cells()
+        self._check_slices()
+        self._tabulate()
+        self.volumes = self.integrals(np.ones((*self.cells.shape[:2], self.weights.shape[-1])))
+        corners = np.ascontiguousarray(self.points[self.cells[:, 0, :4], :2])
+        self.tents = kernel.Tents(corners, self.cells[:, 0, :4].astype(np.int32), self.planes)
 
-    def _check_layers(self) -> None:
-        """All sections hold the same nodes, or the order along the tube is none."""
-        layers = self.points.reshape(len(self.planes), self.per_plane, 3)
+    def _cells(self) -> npt.NDArray[np.int64]:
+        found = self.rank[self.space.dofmap.list]
+        # the first four nodes of a cell are upstream of the others
+        assert (found[:, 4:] - found[:, :4] == self.per_plane).all()
+        layer, first = np.divmod(found[:, :4], self.per_plane)
+        number = np.lexsort((*first.T, layer[:, 0]))
+        layers = len(self.planes) - 1
+        return found[number].reshape(layers, -1, 8).swapaxes(0, 1).copy()
+
+    def _check_slices(self) -> None:
+        """All slices hold the same cells, or their tables would differ."""
         size = np.abs(self.points).max()
-        assert np.allclose(layers[:, :, :2], layers[0, :, :2], atol=1e-7 * size)
-        assert np.allclose(layers[:, :, 2], self.planes[:, None], atol=1e-7 * size)
-        self.planes = layers[:, 0, 2].copy()
+        planes = self.points.reshape(-1, self.per_plane, 3)
+        assert np.allclose(planes[:, :, :2], planes[0, :, :2], atol=1e-7 * size)
+        assert np.allclose(np.diff(self.planes), self.length / (len(self.planes) - 1))
+        steps = self.per_plane * np.arange(self.cells.shape[1])[:, None]
+        assert (self.cells - steps == self.cells[:, :1]).all()
 
-    def _section_cells(self) -> tuple[Array, npt.NDArray[np.int32]]:
-        """Corners and nodes of the quadrilaterals, in the order of the reference square."""
-        bottom = self.cells[(self.cells < self.per_plane).sum(axis=1) == 4]
-        quads = np.array([cell[cell < self.per_plane] for cell in bottom], dtype=np.int32)
-        return np.ascontiguousarray(self.points[quads][:, :, :2]), quads
+    def _tabulate(self) -> None:
+        """Basis functions and gradients at the points of the quadrature in the first slice."""
+        points, weights = basix.make_quadrature(basix.CellType.hexahedron, DEGREE)
+        element = basix.ufl.element("Lagrange", "hexahedron", 1)
+        table = np.asarray(element.tabulate(1, points))
+        corners = self.points[self.cells[:, 0]]
+        jacobian = np.einsum("cad,eqa->cqde", corners, table[1:])
+        # basis functions (points, 8), gradients (quads, points, 8, 3), weights (quads, 1, points)
+        self.basis = table[0]
+        self.gradients = np.einsum("cqed,eqa->cqad", np.linalg.inv(jacobian), table[1:])
+        self.weights = (np.abs(np.linalg.det(jacobian)) * weights)[:, None, :]
+        quads, size = len(corners), len(points)
+        # from the nodes of a cell to slopes (component, point), and back
+        self._slopes = self.gradients.transpose(0, 2, 3, 1).reshape(quads, 8, 3 * size).copy()
+        self._slopes_back = self._slopes.swapaxes(1, 2).copy()
 
     @property
     def size(self) -> int:
@@ -119,64 +144,31 @@ class TubeMesh:
 
     # -- points of the quadrature ------------------------------------------------------------------
 
-    @functools.cached_property
-    def _rule(self) -> tuple[Array, Array]:
-        points, weights = basix.make_quadrature(basix.CellType.hexahedron, DEGREE)
-        return points, weights
+    def value(self, nodal: Array) -> Array:
+        """Values of a function at the points (quads, layers, points)."""
+        return np.asarray(nodal[self.cells] @ self.basis.T)
 
-    @functools.cached_property
-    def table(self) -> Array:
-        """Basis functions and their slopes at the points of the reference cell (4, points, 8)."""
-        element = basix.ufl.element("Lagrange", "hexahedron", 1)
-        return np.asarray(element.tabulate(1, self._rule[0]))
+    def vector(self, nodal: Array) -> Array:
+        """Values of vectors (n, 3) at the points (quads, layers, 3, points)."""
+        parts = [self.value(component) for component in np.ascontiguousarray(nodal.T)]
+        return np.stack(parts, axis=2)
 
-    @functools.cached_property
-    def _jacobian(self) -> Array:
-        return np.einsum("cad,eqa->cqde", self.points[self.cells], self.table[1:])
-
-    @functools.cached_property
-    def weights(self) -> Array:
-        """Weights of all points in space (cells * points,)."""
-        return (np.abs(np.linalg.det(self._jacobian)) * self._rule[1]).ravel()
-
-    @functools.cached_property
-    def gradients(self) -> Array:
-        """Gradients of the basis functions (cells, points, 8, 3)."""
-        return np.einsum("cqed,eqa->cqad", np.linalg.inv(self._jacobian), self.table[1:])
-
-    def _at_points(self, values: Array) -> sparse.csr_matrix:
-        """Matrix from nodal values to the points, of (cells, points, 8)."""
-        cells, points, _ = values.shape
-        rows = np.repeat(np.arange(cells * points), 8)
-        columns = np.repeat(self.cells[:, None, :], points, axis=1).ravel()
-        return sparse.csr_matrix((values.ravel(), (rows, columns)), (cells * points, self.size))
-
-    @functools.cached_property
-    def value(self) -> sparse.csr_matrix:
-        """Matrix that gives a function's values at the points."""
-        shape = (len(self.cells), *self.table[0].shape)
-        return self._at_points(np.broadcast_to(self.table[0], shape))
-
-    @functools.cached_property
-    def slope(self) -> sparse.csr_matrix:
-        """Matrix that gives a function's gradient at the points, component by component."""
-        return sparse.vstack([self._at_points(self.gradients[..., d]) for d in range(3)]).tocsr()
-
-    @functools.cached_property
-    def _value_back(self) -> sparse.csr_matrix:
-        return (self.value.T @ sparse.diags(self.weights)).tocsr()
-
-    @functools.cached_property
-    def _slope_back(self) -> sparse.csr_matrix:
-        return (self.slope.T @ sparse.diags(np.tile(self.weights, 3))).tocsr()
+    def slope(self, nodal: Array) -> Array:
+        """Gradient of a function at the points (quads, layers, 3, points)."""
+        found = nodal[self.cells] @ self._slopes
+        return np.asarray(found).reshape(*found.shape[:2], 3, -1)
 
     def integrals(self, values: Array) -> Array:
         """Integrals of values at the points with each basis function."""
-        return np.asarray(self._value_back @ values)
+        return self._summed((values * self.weights) @ self.basis)
 
     def integrals_of_slopes(self, vectors: Array) -> Array:
-        """Integrals of vectors at the points (3, points) with each basis function's gradient."""
-        return np.asarray(self._slope_back @ vectors.ravel())
+        """Integrals of vectors at the points with each basis function's gradient."""
+        weighted = vectors * self.weights[:, :, None]
+        return self._summed(weighted.reshape(*weighted.shape[:2], -1) @ self._slopes_back)
+
+    def _summed(self, local: Array) -> Array:
+        return np.bincount(self.cells.ravel(), local.ravel(), minlength=self.size)
 
     # -- grains ------------------------------------------------------------------------------------
 

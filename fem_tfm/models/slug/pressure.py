@@ -2,7 +2,7 @@
 """Steps of the gas pressure: tables built once, matrices filled by values, banded Cholesky.
 
 `forms` states the balance. Coefficients are evaluated at the points of the quadrature, as UFL does;
-each matrix and vector then is a constant sparse matrix times their values there. Time steps are
+each matrix and vector then is a sum over cells of constant tables times their values there. Time steps are
 BDF2, the first one implicit Euler: second order, and L-stable, which the stiff diffusion needs.
 """
 
@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
-from scipy import sparse
 from scipy.linalg import lapack
 
 from fem_tfm.errors import InputError, SolverError
@@ -29,7 +28,7 @@ LEAST_VOLUME = 0.3
 
 
 class Band:
-    """The matrix of int m grad P' . grad w, as a linear map from m at the points to its band.
+    """The matrix of int m grad P' . grad w, from the values of m at the points to its band.
 
     The unknowns are the nodes before the outlet, which come first in tube order.
 
@@ -38,22 +37,25 @@ class Band:
 
     def __init__(self, tube: TubeMesh) -> None:
         self.unknowns = tube.size - tube.per_plane
-        cells, points, _, _ = tube.gradients.shape
-        w = tube.weights.reshape(cells, points)
-        g = tube.gradients
-        local = np.einsum("cq,cqad,cqbd->cabq", w, g, g, optimize=True)
-        a, b = np.broadcast_arrays(tube.cells[:, :, None], tube.cells[:, None, :])
-        lower = (a >= b) & (a < self.unknowns)
-        self.width = int((a - b)[lower].max())
-        rows = np.repeat(((a - b) * self.unknowns + b)[lower], points)
-        number = np.arange(cells * points).reshape(cells, 1, 1, points)
-        columns = np.broadcast_to(number, local.shape)[lower].ravel()
-        shape = ((self.width + 1) * self.unknowns, cells * points)
-        self._table = sparse.csr_matrix((local[lower].ravel(), (rows, columns)), shape)
+        g, nodes = tube.gradients, tube.cells[:, 0]
+        products = np.einsum("cq,cqad,cqbd->cqab", tube.weights[:, 0], g, g)
+        quads, points = products.shape[:2]
+        # the same pairs of nodes in all slices, the greater number first
+        pairs = [np.nonzero(one[:, None] >= one) for one in nodes]
+        first, second = (np.array([pair[k] for pair in pairs]) for k in (0, 1))
+        number = np.arange(quads)[:, None]
+        self._table = products.transpose(0, 2, 3, 1)[number, first, second].swapaxes(1, 2).copy()
+        a, b = (np.take_along_axis(tube.cells, one[:, None], axis=2) for one in (first, second))
+        self.width = int((a - b).max())
+        self._size = (self.width + 1) * self.unknowns
+        place = np.where(a < self.unknowns, (a - b) * self.unknowns + b, self._size)
+        self._place = place.ravel()
 
     def __call__(self, mobility: Array) -> Array:
         """Lower band (width + 1, unknowns)."""
-        return np.asarray(self._table @ mobility).reshape(self.width + 1, self.unknowns)
+        values = (mobility @ self._table).ravel()
+        found = np.bincount(self._place, values, minlength=self._size + 1)[:-1]
+        return found.reshape(self.width + 1, self.unknowns)
 
 
 class GasPressure:
@@ -73,7 +75,7 @@ class GasPressure:
         self.last_step = 0.0
         self._inlet = self._inlet_weights()
         # the bed's share of the resistance at the points, in the last step
-        self._share = np.zeros(tube.weights.size)
+        self._share = np.zeros((*tube.cells.shape[:2], tube.weights.shape[-1]))
 
     def _inlet_weights(self) -> Array:
         nothing: Any = None
@@ -114,27 +116,26 @@ class GasPressure:
         part is shared by the grains around it in the proportions in which they have given it their
         volume; hence what the gas loses is what the grains gain.
         """
-        slope = (self.tube.slope @ self.pressure).reshape(3, -1) * self._share
-        return np.stack([-self.tube.integrals(part) for part in slope], axis=-1)
+        slope = -self.tube.slope(self.pressure) * self._share[:, :, None]
+        return np.stack([self.tube.integrals(slope[:, :, d]) for d in range(3)], axis=-1)
 
     # -- steps -------------------------------------------------------------------------------------
 
     def coefficients(self, ahead: Array) -> tuple[Array, Array, Array]:
         """c/r and the bed's share at the points; right hand side without the inlet."""
         tube, gas = self.tube, self.gas
-        porosity, velocity = tube.value @ self.porosity, (tube.value @ self.velocity).T
-        slope = (tube.slope @ ahead).reshape(3, -1)
-        size = np.sqrt(np.einsum("dq,dq->q", slope, slope))
+        porosity, velocity = tube.value(self.porosity), tube.vector(self.velocity)
+        slope = tube.slope(ahead)
+        size = np.sqrt((slope**2).sum(axis=2))
         open_share = np.maximum(porosity, gas.porosity_floor)
         radius = tube.mesh.section.radius
         r, share = resistance(gas, self.diameter, radius, open_share, size, np.sqrt)
         level = np.full_like(porosity, gas.reference_pressure)
         if gas.balance == "full":
-            level += tube.value @ ahead
-        right = tube.integrals_of_slopes(level * velocity)
+            level += tube.value(ahead)
+        right = tube.integrals_of_slopes(level[:, :, None] * velocity)
         if gas.balance == "full":
-            moved = (1 - porosity) * np.einsum("dq,dq->q", velocity, slope)
-            right += tube.integrals(moved)
+            right += tube.integrals((1 - porosity) * (velocity * slope).sum(axis=2))
         return level / r, share, right
 
     def step(self, time_step: float, inflow: float) -> None:
@@ -153,7 +154,7 @@ class GasPressure:
         if self.gas.balance == "full":
             level += ahead
         right += level * inflow * self._inlet
-        storage = self.tube.integrals(self.tube.value @ self.porosity)
+        storage = self.tube.integrals(self.tube.value(self.porosity))
         now, old = self._scheme(time_step)
         right += storage * old
         n, band = self.band.unknowns, self.band(mobility)
