@@ -2,9 +2,9 @@
 """Speed of grains in a packed tube, and of LAMMPS on the same state where it is installed.
 
 A standing tube is filled with layers, which settle under gravity. Then both programs take the same
-steps from there with the same law, walls and skin of the neighbour list, in turn; CPU seconds count,
-and of several stretches the fastest, since other processes only make them slower. With springs,
-each program loads its own from zero.
+steps from there with the same law, walls and skin of the neighbour list, in turn; CPU seconds
+count, and of several stretches the fastest, since other processes only make them slower. With
+springs, each program loads its own from zero.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ TUBE, DIAMETER, DENSITY, STEP, SKIN = RoundSection(7e-3, "none"), 1.4e-3, 937.0,
 GRAVITY = (0.0, 0.0, -9.81)
 # numbers of grains, and the steps of one stretch
 SIZES = ((3200, 2000), (50000, 120))
-STRETCHES, SETTLING = 3, 9000
+STRETCHES, PIECE, SETTLING, WARMING = 3, 3200, 9000, 300
 LAWS: tuple[Contact, ...] = (ViscousCoulomb(), CundallStrack())
 
 DECK = """\
@@ -70,15 +70,24 @@ class Speed:
 
 
 def packed(law: Contact, count: int, threads: int = 1) -> tuple[Grains, float]:
-    """Grains at rest in a standing tube, and the height at which it is closed [m]."""
+    """Grains that have settled in a standing tube closed at both ends, and its height [m].
+
+    A long tube is made of copies of one piece.
+    """
     grain = Grain(DENSITY, DIAMETER, contact=law)
     layer = len(filled(TUBE, grain, 1.5 * DIAMETER)[0])
-    length = (count // layer + 1) * DIAMETER * 1.0001
-    made = Grains(grain, Walls(TUBE, 0.0), STEP, GRAVITY, skin=SKIN, threads=threads)
-    place, radius = filled(TUBE, grain, length)
-    made.add(place[:count], (0.0, 0.0, 0.0), radius[:count])
+    made = Grains(grain, Walls(TUBE, 0.0), STEP, GRAVITY, skin=SKIN)
+    made.add(filled(TUBE, grain, (min(count, PIECE) // layer + 0.5) * DIAMETER)[0])
     made.run(SETTLING)
-    return made, length
+    place, velocity = made.place, made.velocity
+    piece, copies = place[:, 2].max() + 0.6 * DIAMETER, max(round(count / made.count), 1)
+    height = piece * copies
+    many = Grains(grain, Walls(TUBE, 0.0, height), STEP, GRAVITY, skin=SKIN, threads=threads)
+    shifts = piece * np.arange(copies)[:, None, None] * np.array([0.0, 0.0, 1.0])
+    many.add((place + shifts).reshape(-1, 3))
+    many.set_velocity(np.tile(velocity, (copies, 1)))
+    many.run(WARMING)
+    return many, height
 
 
 def stretch(made: Grains, steps: int) -> float:
@@ -147,7 +156,6 @@ def lammps(made: Grains, length: float, steps: int) -> float | None:
 def measure(law: Contact, count: int, steps: int, beside: bool = True) -> Speed:
     """Run one state."""
     made, length = packed(law, count)
-    Walls(TUBE, 0.0, length).apply(made.core)
     other = lammps(made, length, steps) if beside else None
     stretch(made, max(steps // 10, 20))
     contacts, done = made.core.contacts, made.core.steps

@@ -44,6 +44,8 @@ void renew(T*& p, std::size_t count) {
     grow(p, 0, count);
 }
 
+#include "grains_surface.hpp"
+
 int block_count(int n) { return (n + BLOCK - 1) / BLOCK; }
 
 struct Choice {
@@ -119,6 +121,92 @@ void reserve_benches(State& s, std::size_t pushes, int pairs) {
         renew(s.bench[t], s.bench_pushes + 7 * std::size_t(s.bench_pairs) + PAD);
 }
 
+// Boxes of space, each with the triangles that a grain in it may touch.
+struct Boxes {
+    double low[3], size;
+    int count[3];
+    std::vector<int> begin, triangle;
+
+    int of(const double* x) const {
+        int at[3];
+        for (int k = 0; k < 3; ++k) {
+            const double c = (x[k] - low[k]) / size;
+            if (!(c >= 0.0) || c >= count[k]) return -1;
+            at[k] = int(c);
+        }
+        return (at[2] * count[1] + at[1]) * count[0] + at[0];
+    }
+};
+
+namespace {
+
+// Boxes as large as the reach or more, at most some millions.
+Boxes boxes(const State& s, double reach) {
+    Boxes b{};
+    double high[3];
+    for (int k = 0; k < 3; ++k) {
+        b.low[k] = HUGE_VAL, high[k] = -HUGE_VAL;
+        for (int c = 0; c < 3 * s.triangles; ++c) {
+            b.low[k] = std::min(b.low[k], s.corner[3 * c + k]);
+            high[k] = std::max(high[k], s.corner[3 * c + k]);
+        }
+        b.low[k] -= reach, high[k] += reach;
+    }
+    const double volume = (high[0] - b.low[0]) * (high[1] - b.low[1]) * (high[2] - b.low[2]);
+    b.size = std::max(2.0 * reach, std::cbrt(volume / 2e6));
+    for (int k = 0; k < 3; ++k) b.count[k] = int((high[k] - b.low[k]) / b.size) + 1;
+    const std::size_t total = std::size_t(b.count[0]) * b.count[1] * b.count[2];
+    std::vector<std::vector<int>> found(total);
+    for (int t = 0; t < s.triangles; ++t) {
+        int from[3], to[3];
+        for (int k = 0; k < 3; ++k) {
+            const double* c = s.corner + 9 * t + k;
+            const double least = std::min({c[0], c[3], c[6]}), most = std::max({c[0], c[3], c[6]});
+            from[k] = std::max(int((least - reach - b.low[k]) / b.size), 0);
+            to[k] = std::min(int((most + reach - b.low[k]) / b.size), b.count[k] - 1);
+        }
+        for (int z = from[2]; z <= to[2]; ++z)
+            for (int y = from[1]; y <= to[1]; ++y)
+                for (int x = from[0]; x <= to[0]; ++x) found[(z * b.count[1] + y) * b.count[0] + x].push_back(t);
+    }
+    for (const auto& one : found) {
+        b.begin.push_back(int(b.triangle.size()));
+        b.triangle.insert(b.triangle.end(), one.begin(), one.end());
+    }
+    b.begin.push_back(int(b.triangle.size()));
+    return b;
+}
+
+}  // namespace
+
+void list_surface(State& s) {
+    const double reach = s.largest + 0.5 * s.skin;
+    if (!s.boxes || s.boxes_reach != reach) {
+        delete s.boxes;
+        s.boxes = new Boxes(boxes(s, reach)), s.boxes_reach = reach;
+    }
+    const Boxes& b = *s.boxes;
+    std::vector<int> near;
+    for (int i = 0; i < s.n; ++i) {
+        s.near_begin[i] = int(near.size());
+        const double *x = s.origin + 4 * i, most = x[3] + 0.5 * s.skin;
+        const int box = b.of(x);
+        for (int k = box < 0 ? 0 : b.begin[box]; box >= 0 && k < b.begin[box + 1]; ++k)
+            if (nearest(s.corner + 9 * b.triangle[k], x).square < most * most) near.push_back(b.triangle[k]);
+    }
+    s.near_begin[s.n] = int(near.size());
+    renew(s.near, near.size());
+    std::copy(near.begin(), near.end(), s.near);
+}
+
+void Grains::set_surface(int count, const double* corners) {
+    refresh();
+    corners_.assign(corners, corners + 9 * std::size_t(count));
+    s.triangles = count, s.corner = corners_.data();
+    delete s.boxes;
+    s.boxes = nullptr;
+}
+
 Grains::Grains() {
     s.room = 8 * BLOCK, s.kept_count = 0, s.mono = 1;
     s.release = HUGE_VAL;
@@ -135,6 +223,8 @@ Grains::~Grains() {
         std::free(p);
     for (int t = 0; t < s.threads; ++t) std::free(s.bench[t]);
     std::free(s.bench), std::free(s.id), std::free(s.touching);
+    std::free(s.near_begin), std::free(s.near);
+    delete s.boxes;
 }
 
 void Grains::reserve(int n) {
@@ -145,7 +235,7 @@ void Grains::reserve(int n) {
     grow(s.spring, 4 * SLOTS * now, 4 * SLOTS * then), grow(s.record, 8 * now, 8 * then);
     grow(s.origin, 4 * now, 4 * then), grow(s.id, now, then);
     renew(s.spare, 12 * then), renew(s.column, 4 * then), renew(s.cell, then), renew(s.order, then);
-    renew(s.begin, then), renew(s.amount, then);
+    renew(s.begin, then), renew(s.amount, then), renew(s.near_begin, then);
     renew(s.pairs, block_count(size) + 1), renew(s.reach, block_count(size) + 1);
     s.capacity = size;
     reserve_pairs(s, s.room);
@@ -264,6 +354,7 @@ void Grains::finish_restore() {
         s.mono = s.mono && s.x[4 * i + 3] == s.x[3] && s.v[8 * i + 3] == s.v[3];
     }
     if (s.fresh) baseline::share(s);
+    if (s.fresh && s.triangles) list_surface(s);
 }
 
 }  // namespace fem_tfm::grains

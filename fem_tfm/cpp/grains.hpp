@@ -26,6 +26,8 @@ class Grains {
     // False where a place is no longer finite.
     bool run(int steps);
     void set_threads(int threads);
+    // Triangles (count, 9) that take the place of tube, duct and ends; none where count is 0.
+    void set_surface(int count, const double* corners);
     // Law, walls or sizes have changed.
     void refresh();
     // Forget springs, list and grains.
@@ -37,6 +39,7 @@ class Grains {
     void keep_springs();
 
   private:
+    std::vector<double> corners_;
     void reserve(int n);
 };
 

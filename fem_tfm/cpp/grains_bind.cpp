@@ -143,6 +143,10 @@ void bind_grains(nb::module_& m) {
             g.s.walls = {kind, radius, half_width, half_height, low_closed, high_closed, low, high};
         }, "kind"_a, "radius"_a, "half_width"_a, "half_height"_a, "low"_a, "high"_a, "low_closed"_a,
            "high_closed"_a)
+        .def("set_surface", [](Grains& g, Given<double> corners) {
+            if (corners.size() % 9) throw std::invalid_argument("triangles have nine numbers");
+            g.set_surface(int(corners.size() / 9), corners.data());
+        }, "corners"_a)
         .def("set_motion", [](Grains& g, double dt, std::array<double, 3> gravity, double skin,
                               double release) {
             if (skin != g.s.skin) g.refresh();

@@ -204,6 +204,7 @@ inline void rebuild(State& s, int size) {
     {
         put_back(s, s.kept_count);
         share_out(s, size);
+        if (s.triangles) list_surface(s);
         s.kept_count = -1, s.fresh = 1, s.travelled = 0.0, ++s.rebuilds;
     }
 }

@@ -46,6 +46,8 @@ struct Cells {
     int count[3], layers;
 };
 
+struct Boxes;
+
 struct State {
     int n, capacity;
     int law_kind, mono, rolling;
@@ -91,6 +93,13 @@ struct State {
     int slab_room;
     int fresh;              // whether the list is valid
     double travelled;       // bound of what any grain has moved since the list was made
+    // triangles of a surface that grains do not pass, (triangles, 9), and those within the reach of
+    // each grain
+    int triangles;
+    const double* corner;
+    int *near_begin, *near;
+    Boxes* boxes;    // space cut into boxes with their triangles, for the reach of
+    double boxes_reach;
     // counters
     std::int64_t steps, rebuilds, contacts;
     int failed;             // 1: a place is not finite
@@ -103,6 +112,9 @@ void reserve_spill(State& s, int room);
 void reserve_slabs(State& s, int room);
 // room of every share: `pushes` numbers of pushes and `pairs` packed contacts
 void reserve_benches(State& s, std::size_t pushes, int pairs);
+
+// Find the triangles near each grain's place of the last rebuild.
+void list_surface(State& s);
 
 using Run = void (*)(State&, int steps);
 

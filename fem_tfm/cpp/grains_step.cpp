@@ -22,6 +22,7 @@ namespace fem_tfm::grains::GRAINS_SET {
 
 #include "grains_lanes.hpp"
 #include "grains_law.hpp"
+#include "grains_surface.hpp"
 
 namespace {
 
@@ -273,6 +274,56 @@ INLINE void press_all(State& s, int i, const column* x, const column* v, const c
     }
 }
 
+// Points at which a grain touches the surface, the deepest first; returns how many. A triangle that is
+// touched at its rim counts where no deeper triangle has that point, so that a smooth surface pushes
+// once.
+INLINE int touch_surface(const State& s, int i, double overlap[SLOTS], double normal[SLOTS][3]) {
+    const double *x = s.x + 4 * i, r = x[3];
+    Nearest kept[SLOTS];
+    int triangle[SLOTS], count = 0;
+    for (int n = s.near_begin[i]; n < s.near_begin[i + 1]; ++n) {
+        Nearest found = nearest(s.corner + 9 * s.near[n], x);
+        if (!(found.square < r * r) || found.square == 0.0) continue;
+        int at = count;
+        while (at > 0 && (found.square < kept[at - 1].square)) --at;
+        if (at == SLOTS) continue;
+        for (int k = least(count, SLOTS - 1); k > at; --k) kept[k] = kept[k - 1], triangle[k] = triangle[k - 1];
+        kept[at] = found, triangle[at] = s.near[n];
+        count = least(count + 1, SLOTS);
+    }
+    int used = 0, by[SLOTS];
+    for (int k = 0; k < count; ++k) {
+        bool anew = true;
+        for (int q = 0; q < used && !kept[k].inside; ++q)
+            anew = anew && nearest(s.corner + 9 * triangle[by[q]], kept[k].point).square > 1e-12 * r * r;
+        if (!anew) continue;
+        const double distance = __builtin_sqrt(kept[k].square);
+        overlap[used] = r - distance;
+        for (int d = 0; d < 3; ++d) normal[used][d] = (x[d] - kept[k].point[d]) / distance;
+        by[used++] = k;
+    }
+    return used;
+}
+
+template <int KIND, bool ROLL>
+INLINE void press_surface(State& s, int i, const column* x, const column* v, const column* u, Held& sum) {
+    column overlap[SLOTS], normal[SLOTS][3];
+    for (int k = 0; k < SLOTS; ++k) {
+        overlap[k] = all(-1.0);
+        for (int d = 0; d < 3; ++d) normal[k][d] = column{};
+    }
+    for (int k = 0; k < W && i + k < s.n; ++k) {
+        double deep[SLOTS], way[SLOTS][3];
+        const int count = touch_surface(s, i + k, deep, way);
+        for (int c = 0; c < count; ++c) {
+            overlap[c][k] = deep[c];
+            for (int d = 0; d < 3; ++d) normal[c][d][k] = way[c][d];
+        }
+    }
+    for (int c = 0; c < SLOTS; ++c)
+        press<KIND, ROLL>(s, i, c, overlap[c], normal[c][0], normal[c][1], normal[c][2], v, u, x[3], sum);
+}
+
 // Contact forces of W grains from i on: the block's own, and what blocks before have pushed.
 template <bool ROLL>
 INLINE void gather(const State& s, int b, int i, const double* own, column* f, column* t, column* m) {
@@ -310,7 +361,8 @@ INLINE column move_some(State& s, int b, int i, const double* own) {
     turn(a, v[0], v[1], v[2], v[3]), turn(c, u[0], u[1], u[2], u[3]);
     gather<ROLL>(s, b, i, own, f, t, m);
     Held held{};
-    press_all<KIND, ROLL>(s, i, x, v, u, held);
+    if (s.triangles) press_surface<KIND, ROLL>(s, i, x, v, u, held);
+    else press_all<KIND, ROLL>(s, i, x, v, u, held);
     if (s.recording)
         for (int k = 0; k < W && i + k < s.n; ++k) {
             double* r = s.record + 8 * (i + k);

@@ -119,11 +119,16 @@ def _check(time_step: float, limit: float, reason: str) -> None:
 
 @dataclass(frozen=True)
 class Walls:
-    """Walls around grains: a section, None for free space, and closed ends at some z."""
+    """Walls around grains: a section, None for free space, and closed ends at some z.
+
+    surface : triangles (n, 3, 3) that take the place of all other walls, such as those of a bend;
+        grains touch them from either side
+    """
 
     section: Section | None = None
     low: float | None = None
     high: float | None = None
+    surface: Array | None = None
 
     def apply(self, core: Any) -> None:
         """Tell the kernel."""
@@ -136,6 +141,8 @@ class Walls:
         low, high = self.low or 0.0, self.high or 0.0
         ends = self.low is not None, self.high is not None
         core.set_walls(kind, radius, width, height, low, high, *ends)
+        triangles = np.empty((0, 3, 3)) if self.surface is None else self.surface
+        core.set_surface(np.ascontiguousarray(triangles, dtype=float).ravel())
 
     def check(self, diameter: float) -> None:
         """Raise InputError where a grain of a diameter [m] does not fit in."""

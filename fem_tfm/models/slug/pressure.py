@@ -2,8 +2,9 @@
 """Steps of the gas pressure: tables built once, matrices filled by values, banded Cholesky.
 
 `forms` states the balance. Coefficients are evaluated at the points of the quadrature, as UFL does;
-each matrix and vector then is a sum over cells of constant tables times their values there. Time steps are
-BDF2, the first one implicit Euler: second order, and L-stable, which the stiff diffusion needs.
+each matrix and vector then is a sum over cells of constant tables times their values there. Time
+steps are BDF2, the first one implicit Euler: second order, and L-stable, which the stiff diffusion
+needs.
 """
 
 from __future__ import annotations
@@ -39,7 +40,7 @@ class Band:
         self.unknowns = tube.size - tube.per_plane
         g, nodes = tube.gradients, tube.cells[:, 0]
         products = np.einsum("cq,cqad,cqbd->cqab", tube.weights[:, 0], g, g)
-        quads, points = products.shape[:2]
+        quads = len(products)
         # the same pairs of nodes in all slices, the greater number first
         pairs = [np.nonzero(one[:, None] >= one) for one in nodes]
         first, second = (np.array([pair[k] for pair in pairs]) for k in (0, 1))
