@@ -26,10 +26,11 @@ from fem_tfm.models.slug.feed import filled
 from fem_tfm.models.slug.grains import Grain, Grains, Walls
 
 TUBE, DIAMETER, DENSITY, STEP, SKIN = RoundSection(7e-3, "none"), 1.4e-3, 937.0, 1e-5, 0.2
-GRAVITY = (0.0, 0.0, -9.81)
+# weak, so that grains at the bottom overlap by some per cent at most
+GRAVITY = (0.0, 0.0, -2.5)
 # numbers of grains, and the steps of one stretch
 SIZES = ((3200, 2000), (50000, 120))
-STRETCHES, PIECE, SETTLING, WARMING = 3, 3200, 9000, 300
+STRETCHES, PIECE, SETTLING, WARMING = 3, 3200, 18000, 300
 LAWS: tuple[Contact, ...] = (ViscousCoulomb(), CundallStrack())
 
 DECK = """\
@@ -44,7 +45,7 @@ pair_coeff * *
 neighbor {skin} bin
 neigh_modify delay 0 every 1 check yes
 fix move all nve/sphere
-fix pull all gravity 9.81 vector 0 0 -1
+fix pull all gravity 2.5 vector 0 0 -1
 fix tube all wall/gran {wall} zcylinder {radius}
 fix ends all wall/gran {wall} zplane 0.0 {length}
 timestep {step}
@@ -80,7 +81,7 @@ def packed(law: Contact, count: int, threads: int = 1) -> tuple[Grains, float]:
     made.add(filled(TUBE, grain, (min(count, PIECE) // layer + 0.5) * DIAMETER)[0])
     made.run(SETTLING)
     place, velocity = made.place, made.velocity
-    piece, copies = place[:, 2].max() + 0.6 * DIAMETER, max(round(count / made.count), 1)
+    piece, copies = place[:, 2].max() + DIAMETER / 2, max(round(count / made.count), 1)
     height = piece * copies
     many = Grains(grain, Walls(TUBE, 0.0, height), STEP, GRAVITY, skin=SKIN, threads=threads)
     shifts = piece * np.arange(copies)[:, None, None] * np.array([0.0, 0.0, 1.0])

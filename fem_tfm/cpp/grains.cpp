@@ -222,7 +222,7 @@ Grains::~Grains() {
                    s.cut, s.late})
         std::free(p);
     for (int t = 0; t < s.threads; ++t) std::free(s.bench[t]);
-    std::free(s.bench), std::free(s.id), std::free(s.touching);
+    std::free(s.bench), std::free(s.id), std::free(s.touching), std::free(s.pressed);
     std::free(s.near_begin), std::free(s.near);
     delete s.boxes;
 }
@@ -234,6 +234,7 @@ void Grains::reserve(int n) {
     grow(s.x, 4 * now, 4 * then), grow(s.v, 8 * now, 8 * then), grow(s.force, 4 * now, 4 * then);
     grow(s.spring, 4 * SLOTS * now, 4 * SLOTS * then), grow(s.record, 8 * now, 8 * then);
     grow(s.origin, 4 * now, 4 * then), grow(s.id, now, then);
+    renew(s.pressed, SLOTS * then);
     renew(s.spare, 12 * then), renew(s.column, 4 * then), renew(s.cell, then), renew(s.order, then);
     renew(s.begin, then), renew(s.amount, then), renew(s.near_begin, then);
     renew(s.pairs, block_count(size) + 1), renew(s.reach, block_count(size) + 1);
@@ -349,6 +350,7 @@ void Grains::resize(int n, int room, int spill_room) {
 
 void Grains::finish_restore() {
     s.failed = 0;
+    std::memset(s.pressed, 1, std::size_t(SLOTS) * s.n);
     for (int i = 0; i < s.n; ++i) {
         s.largest = std::max(s.largest, s.x[4 * i + 3]);
         s.mono = s.mono && s.x[4 * i + 3] == s.x[3] && s.v[8 * i + 3] == s.v[3];

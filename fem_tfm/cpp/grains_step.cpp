@@ -212,11 +212,14 @@ INLINE void press(State& s, int i, int slot, column overlap, column nx, column n
                   const column* v, const column* u, column radius, Held& sum) {
     const unsigned hit = below(column{}, overlap);
     double* memory = s.spring + std::ptrdiff_t(4) * (SLOTS * i + slot);
+    std::uint8_t& pressed = s.pressed[SLOTS * i + slot];
     if (!hit) {
-        if constexpr (KIND != VISCOUS)
+        if (KIND != VISCOUS && pressed)
             for (int k = 0; k < W; ++k) store_row(memory + 4 * SLOTS * k, row{});
+        pressed = 0;
         return;
     }
+    pressed = 1;
     Touch touch{overlap, nx, ny, nz, v[0], v[1], v[2], u[0], u[1], u[2], v[3], radius};
     const Stiff stiff = stiffness<KIND>(s.wall, touch);
     column shear[4];
