@@ -86,6 +86,7 @@ struct State {
     Cells cells;
     // shares of the threads: blocks cut[t] to cut[t + 1], of which the first late[t] move late
     int *cut, *late;
+    int phase, arrived, asleep;  // of the threads' meetings
     double** bench;         // room of each share
     std::size_t bench_pushes;
     int bench_pairs;

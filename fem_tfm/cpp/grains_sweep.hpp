@@ -2,6 +2,39 @@
 // Steps of all blocks by a team of threads. Included by grains_step.cpp alone.
 #pragma once
 
+// All threads of the team wait for each other: they spin for some microseconds, then sleep, since the
+// processor may be busy with the thread that is waited for. The last one does something first.
+constexpr int SPINS = 2000;
+
+template <class Action>
+INLINE void meet_all(State& s, int team, Action action) {
+    if (team == 1) return action();
+    const int phase = __atomic_load_n(&s.phase, __ATOMIC_ACQUIRE);
+    if (__atomic_add_fetch(&s.arrived, 1, __ATOMIC_ACQ_REL) == team) {
+        action();
+        __atomic_store_n(&s.arrived, 0, __ATOMIC_RELAXED);
+        __atomic_store_n(&s.phase, phase + 1, __ATOMIC_SEQ_CST);
+#if defined(__linux__)
+        if (__atomic_load_n(&s.asleep, __ATOMIC_SEQ_CST) > 0)
+            syscall(SYS_futex, &s.phase, FUTEX_WAKE_PRIVATE, team, nullptr, nullptr, 0);
+#endif
+        return;
+    }
+    for (int k = 0; k < SPINS; ++k) {
+        if (__atomic_load_n(&s.phase, __ATOMIC_ACQUIRE) != phase) return;
+#if defined(__SSE2__)
+        __builtin_ia32_pause();
+#endif
+    }
+    __atomic_add_fetch(&s.asleep, 1, __ATOMIC_SEQ_CST);
+    while (__atomic_load_n(&s.phase, __ATOMIC_SEQ_CST) == phase) {
+#if defined(__linux__)
+        syscall(SYS_futex, &s.phase, FUTEX_WAIT_PRIVATE, phase, nullptr, nullptr, 0);
+#endif
+    }
+    __atomic_sub_fetch(&s.asleep, 1, __ATOMIC_SEQ_CST);
+}
+
 // Largest distance that one of some grains has moved since the list was made.
 INLINE double moved(const State& s, int from, int to) {
     double top = 0.0;
@@ -76,11 +109,9 @@ void step_on(State& s, int steps, int me, int team) {
         if (!s.fresh) rebuild(s, PUSH<ROLL>);
         if (s.failed) return;
         for (int t = me; t < s.threads; t += team) work<KIND, MONO, ROLL>(s, t, met);
-#pragma omp barrier
+        meet_all(s, team, [] {});
         for (int t = me; t < s.threads; t += team) work_late<KIND, ROLL>(s, t);
-#pragma omp barrier
-        if (me == 0) conclude(s);
-#pragma omp barrier
+        meet_all(s, team, [&] { conclude(s); });
     }
 #pragma omp atomic
     s.contacts += met;
