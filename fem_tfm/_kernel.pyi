@@ -13,6 +13,9 @@ DRAG_OCTAVES: int
 DRAG_PIECES: int
 VARIANT: str
 
+# grains as discrete elements, a module inside
+grains: Any
+
 class Grid:
     def __init__(
         self,

@@ -10,7 +10,7 @@ DefineConstant[
   length = {0, Min 0, Name "Pipe/3Length [m], 0 for the section alone"},
   size = {6.25e-4, Min 1e-9, Name "Mesh/1Cell size in the core [m]"},
   wall_ratio = {0.25, Min 1e-4, Max 1, Name "Mesh/2Thickness of the wall cell over the core size"},
-  layout = {0, Choices{0="o-grid", 1="free"}, Name "Mesh/3Layout"},
+  layout = {0, Choices{0="o-grid", 1="free", 2="blocks", 3="block"}, Name "Mesh/3Layout"},
   quads = {0, Choices{0, 1}, Name "Mesh/4Quadrilaterals"},
   order = {2, Choices{1, 2}, Name "Mesh/5Order of the geometry"},
   axial_layers = {10, Min 1, Step 1, Name "Mesh/6Cells along the length"}
@@ -129,6 +129,48 @@ If (layout == 0)
       EndIf
     EndFor
   EndFor
+
+ElseIf (layout == 2)
+
+  // Blocks: one a quadrant, between its two axes and the wall, no layers. The coarsest has four cells.
+  n = (radius > 1.5 * size) ? Round(radius / size) : 1;
+  core_size = radius / n;
+  wall_size = core_size;
+  For k In {0:directions-1}
+    angle = first_angle + k * Pi / 4;
+    Point(100 + k) = {radius * Cos(angle), radius * Sin(angle), 0};
+  EndFor
+  For k In {0:sectors-1}
+    Circle(100 + k) = {100 + k, 1, 100 + (k + 1) % directions};
+    Transfinite Curve {100 + k} = n + 1;
+  EndFor
+  For k In {0:directions-1:2}
+    Line(10 + k) = {1, 100 + k};
+    Transfinite Curve {10 + k} = n + 1;
+  EndFor
+  For k In {0:sectors-1:2}
+    next = (k + 2) % directions;
+    Curve Loop(10 + k) = {10 + k, 100 + k, 101 + k, -(10 + next)};
+    Plane Surface(10 + k) = {10 + k};
+    Transfinite Surface {10 + k} = {1, 100 + k, 101 + k, 100 + next} Right;
+  EndFor
+
+ElseIf (layout == 3)
+
+  // One quadrilateral, its corners between the axes; for a whole section alone.
+  core_size = radius * Sqrt(2);
+  wall_size = core_size;
+  For k In {0:3}
+    angle = first_angle + Pi / 4 + k * Pi / 2;
+    Point(100 + k) = {radius * Cos(angle), radius * Sin(angle), 0};
+  EndFor
+  For k In {0:3}
+    Line(100 + k) = {100 + k, 100 + (k + 1) % 4};
+    Transfinite Curve {100 + k} = 2;
+  EndFor
+  Curve Loop(10) = {100, 101, 102, 103};
+  Plane Surface(10) = {10};
+  Transfinite Surface {10} = {100, 101, 102, 103};
 
 Else
 

@@ -15,6 +15,7 @@
 #include <thread>
 #include <vector>
 
+#include "grains_bind.hpp"
 #include "kernel.h"
 
 namespace kernel_plain {
@@ -348,4 +349,6 @@ NB_MODULE(_kernel, m) {
     nb::class_<Impacts>(m, "Impacts").def(nb::init<>()).def("sorted", &sorted);
     m.def("advance", &advance, "grid"_a, "geometry"_a, "gas"_a, "options"_a, "cloud"_a, "sinks"_a,
           "impacts"_a.none(), "variant"_a, "threads"_a, "first"_a, "seconds"_a);
+    nb::module_ grains = m.def_submodule("grains", "Grains as discrete elements; fem_tfm.models.slug is their face.");
+    fem_tfm::grains::bind_grains(grains);
 }

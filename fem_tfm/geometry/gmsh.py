@@ -47,8 +47,10 @@ class GmshModel:
     layers : slices of equal thickness along the length
     arc    : in the axis, None for a straight line
     order  : 2 curves the cells along the wall, 1 has straight edges between nodes on the wall
-    layout : of a round section "o-grid" (thin long cells in layers along the wall) or "free"
-             (isotropic triangles), of a rectangular one "grid"; None takes the first
+    layout : of a round section "o-grid" (thin long cells in layers along the wall), "free"
+             (isotropic triangles), "blocks" (straight-edged quadrilaterals, one block a quadrant)
+             or "block" (one straight-edged quadrilateral for all of a whole section), of a
+             rectangular one "grid"; None takes the first
     fills  : whether a straight-edged section is widened to the area of its circle
 
     Raises InputError for a size that the section cannot carry, or a layout that it does not have.
@@ -77,6 +79,11 @@ class GmshModel:
         if self.layout == "free" and self.resolution.cell_shape != "triangle":
             allowed = "'triangle' in the layout 'free'"
             raise InputError("numerics.cells", self.resolution.cell_shape, allowed)
+        blocks = self.layout in ("blocks", "block")
+        if blocks and (self.resolution.cell_shape != "quadrilateral" or self.order != 1):
+            raise InputError("layout", self.layout, "another one for triangles or curved edges")
+        if self.layout == "block" and self.section.symmetry != "none":
+            raise InputError("layout", self.layout, "another one for a part of a section")
         self.resolution.core_size(self.section)
 
     @property
@@ -224,7 +231,8 @@ def _fill(gmsh: ModuleType, section: Section) -> None:
     turns = np.diff(np.sort(np.arctan2(points[wall, 1], points[wall, 0]) % (2 * math.pi)))
     missing = QUADRANTS[section.symmetry] * math.pi / 2 - turns.sum()
     # the gap that sorting leaves: the last side of a whole pipe, the open part of any other
-    sides = np.append(turns[turns < 1], missing if section.symmetry == "none" else [])
+    whole = section.symmetry == "none"
+    sides = np.append(turns, missing) if whole else turns[turns < 1]
     points[:, :2] *= math.sqrt(sides.sum() / np.sin(sides).sum())
     _set_nodes(gmsh, tags, points)
 

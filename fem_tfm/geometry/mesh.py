@@ -130,13 +130,15 @@ def extruded_mesh(
     *,
     arc: Arc | None = None,
     order: int = 2,
+    layout: str | None = None,
+    fills: bool = False,
 ) -> Mesh:
     """Mesh of a line of a length along its axis [m], in `layers` equal slices.
 
     It lies at 0 <= z <= length, or follows an arc. Triangles become tetrahedra, quadrilaterals
-    hexahedra.
+    hexahedra. Layout and fills as in GmshModel.
     """
-    return _build(GmshModel(section, resolution, length, layers, arc, order), comm)
+    return _build(GmshModel(section, resolution, length, layers, arc, order, layout, fills), comm)
 
 
 def line_model(shape: Shape, section: Section, resolution: Resolution) -> GmshModel:

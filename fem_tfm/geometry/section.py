@@ -117,7 +117,7 @@ class RoundSection(Section):
     symmetry: str = "half"
     wall_offset: float = 0.0
     script: ClassVar[str] = "pipe"
-    layouts: ClassVar[tuple[str, ...]] = ("o-grid", "free")
+    layouts: ClassVar[tuple[str, ...]] = ("o-grid", "free", "blocks", "block")
 
     @property
     def size(self) -> tuple[float, float]:

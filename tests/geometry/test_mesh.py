@@ -28,7 +28,7 @@ from scipy.spatial import cKDTree
 
 from fem_tfm.errors import InputError
 from fem_tfm.geometry.arc import Arc
-from fem_tfm.geometry.mesh import axial_layers, line_cells, line_mesh
+from fem_tfm.geometry.mesh import axial_layers, extruded_mesh, line_cells, line_mesh
 from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.section import RectangularSection, RoundSection, Section
 from fem_tfm.geometry.shapes import Bend, Pipe, Shape
@@ -55,12 +55,37 @@ def test_order_of_the_curved_wall(order: int, expected: float) -> None:
     assert slope([mesh.size for mesh in built], errors) == pytest.approx(expected, abs=0.1)
 
 
-@pytest.mark.parametrize("layout", RoundSection.layouts)
+@pytest.mark.parametrize("layout", ["o-grid", "free"])
 @pytest.mark.parametrize("order", [1, 2])
 def test_wall_nodes_are_on_the_circle(order: int, layout: str) -> None:
     x = nodes(section(PIPE, 1, order=order, layout=layout), "wall")
     assert len(x) > 8
     np.testing.assert_allclose(np.hypot(x[:, 0], x[:, 1]), RADIUS, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("symmetry", "size"), [("none", 5e-3), ("half", 2.5e-3), ("quarter", 1e-3)]
+)
+def test_blocks_reach_from_the_axis_to_the_wall(symmetry: str, size: float) -> None:
+    part = RoundSection(2 * RADIUS, symmetry)
+    mesh = section(part, order=1, layout="blocks", cells="quadrilateral", mesh_size=size)
+    cells_along = round(RADIUS / size)
+    assert mesh.num_cells == {"none": 4, "half": 2, "quarter": 1}[symmetry] * cells_along**2
+    x = nodes(mesh, "wall")
+    np.testing.assert_allclose(np.hypot(x[:, 0], x[:, 1]), RADIUS, rtol=1e-12)
+    assert (jacobians(mesh) > 0).all()
+
+
+@pytest.mark.parametrize("layout", ["blocks", "block"])
+def test_coarse_straight_lines_have_the_volume_of_the_pipe(layout: str) -> None:
+    part, resolution = (
+        RoundSection(2 * RADIUS, "none"),
+        Resolution(mesh_size=RADIUS, cells="quadrilateral"),
+    )
+    mesh = extruded_mesh(part, resolution, LENGTH, 3, COMM, order=1, layout=layout, fills=True)
+    assert mesh.num_cells == 3 * {"blocks": 4, "block": 1}[layout]
+    assert integral(mesh) == pytest.approx(part.area * LENGTH, rel=1e-12)
+    assert integral(mesh, "inlet") == pytest.approx(part.area, rel=1e-12)
 
 
 @pytest.mark.parametrize("symmetry", SYMMETRIES)
@@ -378,6 +403,11 @@ def test_bad_input_is_refused_on_every_rank() -> None:
         (lambda: section(PIPE, layout="grid"), "layout = 'grid'"),
         (lambda: section(DUCT, layout="free"), "layout = 'free'"),
         (lambda: section(PIPE, layout="free", cells="quadrilateral"), "numerics.cells"),
+        (lambda: section(PIPE, layout="blocks", order=1), "layout = 'blocks'"),
+        (
+            lambda: section(PIPE, layout="block", order=1, cells="quadrilateral"),
+            "layout = 'block'",
+        ),
         (lambda: extruded(PIPE, 0, 2), "length = 0"),
         (lambda: extruded(PIPE, 1.0, 0), "layers = 0"),
     ],

@@ -1,0 +1,211 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A tube through which gas conveys grains: feed, grains, gas and outlet in time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from fem_tfm.errors import InputError
+from fem_tfm.geometry.section import Section
+from fem_tfm.geometry.shapes import Bend, Shape
+from fem_tfm.models.slug.feed import Feed, Feeder, filled
+from fem_tfm.models.slug.gas import TubeGas
+from fem_tfm.models.slug.grains import STEPS_PER_CONTACT, Grain, Grains, Walls
+from fem_tfm.models.slug.mesh import TubeMesh, tube_mesh
+from fem_tfm.models.slug.pressure import GasPressure
+from fem_tfm.parameters import Parameters, parameter
+
+# a time step that is not given is this share of the longest one
+EASY = 0.65
+
+
+@dataclass(frozen=True)
+class Conveying(Parameters):
+    """What is conveyed: gas and grains that come in.
+
+    gas_velocity : superficial velocity of the gas at the reference pressure
+    solids_mass_flow : of the grains
+    solids_velocity : at which the layers of grains are pushed in
+    """
+
+    gas_velocity: float = parameter(
+        MISSING,
+        "m/s",
+        "superficial gas velocity",
+        key="operation.gas_superficial_velocity",
+        ge=0,
+        le=1000,
+    )
+    solids_mass_flow: float = parameter(MISSING, "kg/s", "mass flow of the grains", ge=0, le=1e4)
+    solids_velocity: float = parameter(0.04, "m/s", "speed of the feed", gt=0, le=100)
+    gravity: float = parameter(9.81, "m/s2", "gravity", ge=0, le=1000)
+    table: ClassVar[str] = "operation"
+
+
+@dataclass(frozen=True)
+class Steps(Parameters):
+    """Steps in time, and the mesh of the gas.
+
+    time_step : of the grains, by default two thirds of the longest one; shortened so that a gas
+        step is a whole number of them
+    gas_step : of the pressure
+    cells_across, cells_along : of the pressure's mesh, along by default as long as wide
+    skin : of the neighbour list over the grains' diameter; it has no influence on the result
+    threads : that share the grains; they have no influence on the result
+    """
+
+    time_step: float | None = parameter(None, "s", "time step of the grains", gt=0, le=1)
+    gas_step: float = parameter(5e-4, "s", "time step of the gas pressure", gt=0, le=10)
+    cells_across: int = parameter(2, doc="cells of the pressure's mesh across", ge=1, le=100)
+    cells_along: int | None = parameter(None, doc="cells along the tube", ge=1, le=1000000)
+    skin: float = parameter(0.2, doc="skin of the neighbour list over the diameter", gt=0, le=2)
+    threads: int = parameter(1, doc="threads that share the grains", ge=1, le=1024)
+    table: ClassVar[str] = "numerics"
+
+    def grain_steps(self, grain: Grain) -> int:
+        """Time steps of the grains in one of the gas."""
+        step = self.time_step
+        if step is None:
+            small = grain.diameter / 2 * (1 - grain.spread)
+            mass = float(grain.masses(np.array([small]))[0])
+            longest = grain.contact.contact_time(mass / 2, small / 2) / STEPS_PER_CONTACT
+            step = EASY * longest
+        return max(math.ceil(self.gas_step / step * (1 - 1e-9)), 1)
+
+
+class SlugTube:
+    """The tube in time.
+
+    time : [s]
+    fed, out, start : grains fed so far, out at the end, inside at the beginning; always
+        start + fed = inside + out
+
+    Raises InputError where grains do not fit into the tube or the feed, for a time step that cannot
+    follow a contact, and for a bend.
+    """
+
+    def __init__(
+        self,
+        shape: Shape,
+        gas: TubeGas,
+        grain: Grain,
+        conveying: Conveying,
+        steps: Steps | None = None,
+        *,
+        full: bool = False,
+        seed: int = 0,
+    ) -> None:
+        if isinstance(shape, Bend):
+            raise InputError("geometry.shape", shape.shape, "'pipe' or 'duct' for a slug tube")
+        self.shape, self.conveying = shape, conveying
+        self.steps = steps or Steps()
+        self.section: Section = shape.section("none")
+        walls = Walls(self.section, low=0.0)
+        walls.check(grain.largest_diameter)
+        feed = Feed(self.section, grain, conveying.solids_mass_flow, conveying.solids_velocity)
+        self.feeder = Feeder(feed, seed)
+        self.inner_steps = self.steps.grain_steps(grain)
+        self.grains = Grains(
+            grain,
+            walls,
+            self.steps.gas_step / self.inner_steps,
+            shape.gravity_vector(conveying.gravity),
+            skin=self.steps.skin,
+            release=feed.release,
+            threads=self.steps.threads,
+        )
+        mesh = tube_mesh(
+            self.section, shape.length, self.steps.cells_across, self.steps.cells_along
+        )
+        self.gas = GasPressure(TubeMesh(mesh), gas, grain.diameter)
+        self.gas.check()
+        self.number, self.out, self.start = 0, 0, 0
+        if full:
+            self._fill(grain, seed)
+
+    def _fill(self, grain: Grain, seed: int) -> None:
+        # the first layer that is fed touches the first one inside
+        room = self.shape.length - grain.largest_diameter
+        place, radius = filled(self.section, grain, room, seed + 1)
+        place[:, 2] += grain.largest_diameter / 2
+        self.grains.add(place, (0.0, 0.0, self.conveying.solids_velocity), radius)
+        self.start = len(place)
+
+    @property
+    def time(self) -> float:
+        """Time [s]."""
+        return self.number * self.steps.gas_step
+
+    @property
+    def fed(self) -> int:
+        """Grains fed so far."""
+        return self.feeder.count
+
+    @property
+    def inflow(self) -> float:
+        """Volume of gas and grains that comes in through an area [m/s]."""
+        c = self.conveying
+        solids = c.solids_mass_flow / (self.grains.grain.density * self.section.area)
+        return c.gas_velocity + solids
+
+    def step(self) -> None:
+        """Take one step of the gas and its steps of the grains.
+
+        Raises
+        ------
+        SolverError
+            a field or a place is no longer finite.
+        """
+        self.feeder.advance(self.grains, self.time)
+        self.grains.run(self.inner_steps - 1)
+        self.grains.record()
+        self.number += 1
+        self.out += self.grains.remove_beyond(self.shape.length)
+        self.gas.take(self.grains)
+        self.gas.step(self.steps.gas_step, self.inflow)
+        self.gas.push(self.grains)
+
+    def run(
+        self,
+        end: float,
+        sample: Callable[[SlugTube], None] | None = None,
+        interval: float = 0.01,
+    ) -> None:
+        """Step on to a time [s]; `sample` is called at multiples of an interval [s].
+
+        Raises
+        ------
+        SolverError
+            a field or a place is no longer finite.
+        """
+        every = max(round(interval / self.steps.gas_step), 1)
+        last = round(end / self.steps.gas_step)
+        while self.number < last:
+            self.step()
+            if sample is not None and self.number % every == 0:
+                sample(self)
+
+    # -- restart -----------------------------------------------------------------------------------
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the next step depends on: a flat dictionary of arrays and one text."""
+        found: dict[str, Any] = {}
+        for name, part in self._parts().items():
+            found |= {f"{name}.{key}": value for key, value in part.state().items()}
+        return found | {"tube.numbers": np.array([self.number, self.out, self.start])}
+
+    def _parts(self) -> dict[str, Any]:
+        return {"grains": self.grains, "gas": self.gas, "feed": self.feeder}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Put back what `state` gave; the steps that follow have the same bits."""
+        for name, part in self._parts().items():
+            own = {k.partition(".")[2]: v for k, v in state.items() if k.startswith(f"{name}.")}
+            part.restore(own)
+        self.number, self.out, self.start = (int(n) for n in state["tube.numbers"])
+        self.gas.take(self.grains)
