@@ -33,12 +33,17 @@ if TYPE_CHECKING:
     from fem_tfm.geometry.shapes import Bend, Duct, Pipe
     from fem_tfm.materials import Gas, Solids
     from fem_tfm.models.reynolds_stress.model import Heat, ReynoldsStress
+    from fem_tfm.models.slug.gas import TubeGas
+    from fem_tfm.models.slug.grains import Grain
+    from fem_tfm.models.slug.model import DiscreteElements
+    from fem_tfm.models.slug.tube import Conveying
     from fem_tfm.models.two_fluid.model import SectionTerms, TwoFluid
     from fem_tfm.operation import Feed, Initial, Inlet
     from fem_tfm.output.result import Result
     from fem_tfm.output.tracked import Tracked
     from fem_tfm.scenes.developed import Developed
     from fem_tfm.scenes.developing import Developing
+    from fem_tfm.scenes.slug.scene import Averages, Slug, TubeNumerics, TubeStart
     from fem_tfm.scenes.statement import (
         MarchNumerics,
         Output,
@@ -51,14 +56,18 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 # public names and the modules that hold them; a name is loaded when it is first used
 _HOMES = {
+    "Averages": "scenes.slug.scene",
     "Bend": "geometry.shapes",
     "Case": "case",
     "Cloud": "cloud",
+    "Conveying": "models.slug.tube",
     "Developed": "scenes.developed",
     "Developing": "scenes.developing",
+    "DiscreteElements": "models.slug.model",
     "Duct": "geometry.shapes",
     "Feed": "operation",
     "Gas": "materials",
+    "Grain": "models.slug.grains",
     "Heat": "models.reynolds_stress.model",
     "Initial": "operation",
     "Inlet": "operation",
@@ -72,24 +81,32 @@ _HOMES = {
     "Resolution": "geometry.resolution",
     "Result": "output.result",
     "ReynoldsStress": "models.reynolds_stress.model",
+    "Slug": "scenes.slug.scene",
     "Solids": "materials",
     "SolverError": "errors",
     "SteadyNumerics": "scenes.statement",
     "TimeNumerics": "scenes.statement",
     "Tracked": "output.tracked",
+    "TubeGas": "models.slug.gas",
+    "TubeNumerics": "scenes.slug.scene",
+    "TubeStart": "scenes.slug.scene",
     "TwoFluid": "models.two_fluid.model",
     "Unsteady": "scenes.unsteady",
     "load": "case",
 }
 __all__ = [
+    "Averages",
     "Bend",
     "Case",
     "Cloud",
+    "Conveying",
     "Developed",
     "Developing",
+    "DiscreteElements",
     "Duct",
     "Feed",
     "Gas",
+    "Grain",
     "Heat",
     "Initial",
     "Inlet",
@@ -103,11 +120,15 @@ __all__ = [
     "Result",
     "ReynoldsStress",
     "SectionTerms",
+    "Slug",
     "Solids",
     "SolverError",
     "SteadyNumerics",
     "TimeNumerics",
     "Tracked",
+    "TubeGas",
+    "TubeNumerics",
+    "TubeStart",
     "TwoFluid",
     "Unsteady",
     "__version__",
@@ -121,7 +142,7 @@ def __getattr__(name: str) -> Any:
     if name == "laws":
         return importlib.import_module("fem_tfm.laws")
     if name in _HOMES:
-        if name.startswith("Develop") or name == "Unsteady":
+        if name.startswith("Develop") or name in ("Slug", "Unsteady"):
             # a scene must know all kinds, to say which one reads a key
             importlib.import_module("fem_tfm.scenes")
         return getattr(importlib.import_module(f"fem_tfm.{_HOMES[name]}"), name)

@@ -11,7 +11,7 @@ import base64
 import csv
 import math
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 from io import BytesIO
 from pathlib import Path
@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from fem_tfm.errors import InputError
 from fem_tfm.output import result as results
 from fem_tfm.output.files import write_text
-from fem_tfm.output.result import Quantity, Result
+from fem_tfm.output.result import Result
 from fem_tfm.output.summary import MESH_ERROR, difference, error_notes, number
 
 FILE = "report.html"
@@ -94,7 +94,7 @@ def page(directory: Path) -> str:
     title = (result.title if result else tomllib.loads(case).get("title")) or directory.name
     parts = [f"<h1>{escape(title)}</h1>", *_head(result)]
     if result is not None:
-        parts += section("Quantities", _quantities(result.quantities))
+        parts += section("Quantities", _quantities(result))
         parts += section("Balances", _balances(result))
     for path in _pictures(directory):
         parts += section(path.stem.capitalize(), [image(path.read_bytes(), path.stem)])
@@ -130,8 +130,9 @@ def _head(result: Result | None) -> list[str]:
     return [text, f"<p>{escape(result.reason)}</p>"] if result.reason else [text]
 
 
-def _quantities(quantities: Mapping[str, Quantity]) -> list[str]:
+def _quantities(result: Result) -> list[str]:
     """A row for each quantity and for each of its references."""
+    quantities = result.quantities
     if not quantities:
         return []
     head = ["quantity", "value", MESH_ERROR, "unit", "difference"]
@@ -143,7 +144,7 @@ def _quantities(quantities: Mapping[str, Quantity]) -> list[str]:
             off = difference(q.value, reference.value)
             cells = [reference.source or "reference", number(reference.value), "", q.unit, off]
             rows.append(f'<tr class="reference">{_cells(cells)}</tr>')
-    notes = (f"<p>{escape(text)}</p>" for text in error_notes(quantities))
+    notes = (f"<p>{escape(text)}</p>" for text in error_notes(result))
     return ["<table>", *rows, "</table>", *notes]
 
 

@@ -59,6 +59,15 @@ QUANTITIES = {
     "particle_drop": "Pa",
     "flux_drop": "Pa",
     "wear": "kg/s",
+    "slug_velocity": "m/s",
+    "slug_length": "m",
+    "slug_porosity": "-",
+    "least_porosity": "-",
+    "grain_velocity": "m/s",
+    "top_grain_velocity": "m/s",
+    "slug_grains": "-",
+    "grains_in_tube": "-",
+    "slug_rate": "1/s",
 }
 # of those that each material of a cloud has, named `quantity_material`
 PER_MATERIAL = {

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from rich.console import Console, RenderableType
 from rich.padding import Padding
@@ -19,6 +19,7 @@ LISTED = 4
 MESH_ERROR = "± mesh"
 MESH_NOTE = "± mesh: estimated error of the mesh alone; inputs carry none"
 SAMPLE_NOTE = "± of particles: twice the standard error of the parcels"
+TIME_NOTE = "±: twice the standard error of means over time and slugs; inputs carry none"
 COLOURS = {"converged": "green", "finished": "green", "failed": "red", "interrupted": "yellow"}
 
 
@@ -32,7 +33,7 @@ def print_summary(result: Result, console: Console | None = None) -> None:
         console.print(Text(result.reason, style="red"), width=width)
     if result.quantities:
         console.print(_quantities(result), width=width)
-    for note in error_notes(result.quantities):
+    for note in error_notes(result):
         console.print(Text(note, style="dim"), width=width)
     if result.balances:
         console.print(_balances(result), width=width)
@@ -45,9 +46,12 @@ def print_summary(result: Result, console: Console | None = None) -> None:
         console.print(Text(f"files     {result.directory}"), soft_wrap=True)
 
 
-def error_notes(quantities: Mapping[str, Quantity]) -> list[str]:
-    """What the errors of some quantities mean, where they have any."""
+def error_notes(result: Result) -> list[str]:
+    """What the errors of the quantities of a result mean, where they have any."""
+    quantities = result.quantities
     known = {name for name, quantity in quantities.items() if quantity.error_estimate is not None}
+    if result.flow == "slug":
+        return [TIME_NOTE] * bool(known)
     sampled = {name for name in known if name.startswith("particle_exit")}
     return [MESH_NOTE] * bool(known - sampled) + [SAMPLE_NOTE] * bool(sampled)
 

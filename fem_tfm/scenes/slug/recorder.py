@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What a run of a tube tells and keeps: progress, monitor.csv, samples, snapshots, checkpoint."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fem_tfm.models.slug.slices import Sampler, Samples
+from fem_tfm.models.slug.tube import SlugTube
+from fem_tfm.output import checkpoint
+from fem_tfm.output.fields import FieldWriter, snapshot
+from fem_tfm.output.files import on_root
+from fem_tfm.output.profiles import drop_after
+from fem_tfm.output.result import Result
+from fem_tfm.output.slug import files
+from fem_tfm.scenes.recorder import Recorder, Setting
+from fem_tfm.scenes.slug import told
+
+# the last stretch of a run that becomes a film [s]
+FILM = 1.5
+COLUMNS = {
+    "step": "",
+    "time": "s",
+    "grains": "",
+    "fed": "",
+    "out": "",
+    "pressure_drop": "Pa",
+    "max_solids_fraction": "",
+    "fastest": "m/s",
+    "grain_error": "",
+}
+
+
+class Section:
+    """The mesh of the pressure, as a run sees it."""
+
+    def __init__(self, tube: SlugTube) -> None:
+        self.mesh, self.dofs = tube.gas.tube.mesh, tube.gas.tube.size
+
+
+class TubeRecorder(Recorder):
+    """What a run of a tube tells and keeps.
+
+    Every rank follows the same tube, with the same bits; the first one tells.
+    """
+
+    def __init__(self, scene: Any, setting: Setting) -> None:
+        if setting.resume:
+            assert setting.out is not None
+            time = checkpoint.numbers(setting.out)["time"]
+            monitor = setting.out / "monitor.csv"
+            on_root(setting.comm, partial(drop_after, monitor, "time", time))
+        super().__init__(scene, setting, COLUMNS)
+        self.tube: SlugTube
+        self._writer: FieldWriter | None = None
+        self._series: files.Series | None = None
+        self._frames: list[tuple[float, NDArray[np.float64], NDArray[np.float64]]] = []
+
+    def begin(self, tube: SlugTube) -> None:
+        """The tube stands at its start, or where a checkpoint was written."""
+        self.tube, numerics = tube, self.scene.numerics
+        self._sampler, self.section = Sampler(tube), Section(tube)
+        step = numerics.gas_step
+        self._sample = max(round(self.scene.averages.interval / step), 1)
+        self._output = max(round(self.scene.interval / step), 1)
+        self._last = round(numerics.end_time / step)
+        if self.resume:
+            self.restore()
+        self.lap("setup")
+        text = f"{tube.gas.tube.size} nodes of the pressure, {tube.inner_steps} steps of the grains"
+        self.progress.stage(text)
+        self.log(f"{text} in one of the gas; from {tube.time:.4g} s")
+        if self.out is not None and self.comm.rank == 0 and self.scene.output.xdmf:
+            self._series = files.Series(self.out, self.resume, tube.time)
+            mesh, until = self.section.mesh.mesh, tube.time
+            self._writer = FieldWriter(self.out / "fields", mesh, append=self.resume, until=until)
+        if not self.resume:
+            self._keep()
+
+    @property
+    def samples(self) -> Samples:
+        """Averages over slices so far."""
+        return self._sampler.samples
+
+    @property
+    def done(self) -> bool:
+        """Whether the tube has come to its end."""
+        return bool(self.tube.number >= self._last)
+
+    def step(self) -> None:
+        """What is due after a step of the gas: a sample, a row, a snapshot, a checkpoint."""
+        tube = self.tube
+        if tube.number % self._sample == 0:
+            self._sampler(tube)
+            self._tell()
+            end = self.scene.numerics.end_time
+            if tube.time > end - FILM and len(self.samples.time) % 2 == 0:
+                g, v = tube.grains.place, tube.grains.velocity[:, 2]
+                at = np.column_stack([g[:, 2], g[:, 1], tube.grains.radius])
+                self._frames.append((tube.time, at, v))
+        if tube.number % self._output == 0 or self.done:
+            self._keep()
+            self.log(f"step {tube.number}: {self._warning()}")
+
+    def _tell(self) -> None:
+        """A row of the monitor and the early-warning line."""
+        tube, samples = self.tube, self.samples
+        speeds = np.linalg.norm(tube.grains.velocity, axis=1)
+        self._row = {
+            "step": tube.number,
+            "time": tube.time,
+            "grains": tube.grains.count,
+            "fed": tube.fed,
+            "out": tube.out,
+            "pressure_drop": tube.gas.drop,
+            "max_solids_fraction": float(samples.solids[-1].max()),
+            "fastest": float(speeds.max(initial=0.0)),
+            "grain_error": tube.start + tube.fed - tube.grains.count - tube.out,
+        }
+        if self.monitor is not None:
+            self.monitor.write(self._row)
+        self.progress.update(tube.number / self._last, self._warning())
+
+    def _warning(self) -> str:
+        row, end = self._row, self.scene.numerics.end_time
+        return (
+            f"{row['time']:.4g} of {end:g} s, {row['grains']} grains, drop"
+            f" {row['pressure_drop']:.4g} Pa, max alpha_s {row['max_solids_fraction']:.3f},"
+            f" fastest {row['fastest']:.3g} m/s, grain error {row['grain_error']}"
+        )
+
+    # -- its state -----------------------------------------------------------------------------
+
+    def _keep(self) -> None:
+        """A snapshot for ParaView and the checkpoint."""
+        tube = self.tube
+        if self._series is not None:
+            grains = tube.grains
+            place, radius, number = grains.place, grains.radius, grains.number
+            self._series.add(tube.time, place, radius, grains.velocity, number)
+        if self._writer is not None:
+            pressure = tube.gas.tube.function(tube.gas.pressure)
+            self._writer.write(tube.time, {"pressure": pressure})
+        self.save()
+
+    def save(self) -> None:
+        """Write the checkpoint."""
+        if self.out is None:
+            return
+        arrays = {f"tube.{name}": np.asarray(v) for name, v in self.tube.state().items()}
+        kept = {f.name: np.array(getattr(self.samples, f.name)) for f in _listed(self.samples)}
+        arrays |= {f"samples.{name}": values for name, values in kept.items()}
+        numbers = {"time": self.tube.time}
+        checkpoint.save(self.out, self.comm, {}, numbers, others=arrays)
+
+    def restore(self) -> None:
+        """Put the checkpoint back."""
+        assert self.out is not None
+        arrays = checkpoint.others(self.out)
+        self.tube.restore({n: _plain(v) for n, v in _part(arrays, "tube").items()})
+        for name, values in _part(arrays, "samples").items():
+            getattr(self.samples, name)[:] = values.tolist() if values.ndim == 1 else list(values)
+        self._row = dict.fromkeys(COLUMNS, 0.0) | {"time": self.tube.time}
+
+    def step_back(self) -> None:
+        """Keep the state after the last step."""
+        self.save()
+
+    def write_files(self, result: Result) -> None:
+        """Tables, pictures and the film of the slugs."""
+        tube, scene = self.tube, self.scene
+        fields_ = {"pressure": tube.gas.tube.function(tube.gas.pressure)}
+        result.take(snapshot(tube.gas.tube.mesh.mesh, fields_))
+        result.sections["samples"] = self.samples
+        out = self.out
+        if out is not None and len(self.samples.time) > 1:
+            on_root(self.comm, lambda: told.write(out, self.samples, scene, self._frames))
+
+    def close(self) -> None:
+        """Close the files."""
+        super().close()
+        if self._writer is not None:
+            self._writer.close()
+
+
+def _listed(samples: Samples) -> list[Any]:
+    """Fields of the samples that are series in time."""
+    return [f for f in fields(samples) if isinstance(getattr(samples, f.name), list)]
+
+
+def _part(arrays: Mapping[str, NDArray[Any]], name: str) -> dict[str, NDArray[Any]]:
+    stem = f"{name}."
+    return {n.removeprefix(stem): v for n, v in arrays.items() if n.startswith(stem)}
+
+
+def _plain(value: NDArray[Any]) -> Any:
+    """An array, or the text that it holds."""
+    return str(value) if value.dtype.kind == "U" else value

@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""A tube of grains and gas in time: what is stated, what is run, what is told of the slugs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import MISSING, dataclass, fields
+from typing import Any, ClassVar, Literal
+
+from fem_tfm import signals
+from fem_tfm.cloud import Cloud
+from fem_tfm.errors import InputError
+from fem_tfm.geometry.resolution import Resolution
+from fem_tfm.geometry.shapes import Duct, Pipe
+from fem_tfm.models.slug.model import DiscreteElements
+from fem_tfm.models.slug.slugs import POROSITY, SHORTEST, statistics
+from fem_tfm.models.slug.tube import Conveying, SlugTube, Steps
+from fem_tfm.output.result import unit_of
+from fem_tfm.output.slug.files import FILES
+from fem_tfm.parameters import Parameters, key_of, parameter
+from fem_tfm.scenes.kinds import Kind, register
+from fem_tfm.scenes.physics import Physics
+from fem_tfm.scenes.recorder import Setting
+from fem_tfm.scenes.scene import Answer, Scene
+from fem_tfm.scenes.slug.recorder import TubeRecorder
+
+# measured on the demo: CPU time of a grain and step [s], of a gas step [s], memory [MB]
+GRAIN_TIME, GAS_TIME, MEMORY = 6e-8, 1.0e-3, 300
+# share of the tube that is told of without other wishes
+STRETCH = (0.38, 0.86)
+OUTPUTS = 20
+
+
+@dataclass(frozen=True)
+class TubeNumerics(Steps):
+    """Steps in time, the mesh of the gas and the end."""
+
+    end_time: float = parameter(31.0, "s", "end of the run", gt=0, le=1e5)
+    seed: int = parameter(0, doc="of the random numbers of the feed", ge=0, le=2**32 - 1)
+
+
+@dataclass(frozen=True)
+class TubeStart(Parameters):
+    """The tube at the start."""
+
+    state: Literal["empty", "filled"] = parameter("empty", doc="grains in the tube at the start")
+    table: ClassVar[str] = "initial"
+
+
+@dataclass(frozen=True)
+class Averages(Parameters):
+    """Where and when slugs are counted.
+
+    Raises InputError where the stretch is empty.
+    """
+
+    begin: float | None = parameter(
+        None, "s", "time from which is averaged, default 2/7 of the end", ge=0, le=1e5
+    )
+    low: float | None = parameter(
+        None, "m", "beginning of the stretch, default 0.38 of the length", ge=0, le=1e4
+    )
+    high: float | None = parameter(
+        None, "m", "end of the stretch, default 0.86 of the length", gt=0, le=1e4
+    )
+    porosity: float = parameter(POROSITY, "-", "porosity below which a slice is slug", gt=0, lt=1)
+    shortest: float = parameter(SHORTEST, "m", "shortest run that counts as a slug", gt=0, le=10)
+    interval: float = parameter(0.01, "s", "time between samples", gt=0, le=10)
+    table: ClassVar[str] = "averages"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.low is not None and self.high is not None and self.high <= self.low:
+            words = f"a place behind averages.low = {self.low:g} m"
+            raise InputError("averages.high", self.high, words)
+
+
+@dataclass(frozen=True)
+class Slug(Scene[Physics, TubeRecorder]):
+    """Grains and gas in a tube, in time.
+
+    numerics : the end, the steps, the mesh of the gas
+    initial : the tube at the start
+    averages : where and when slugs are counted
+
+    Raises InputError for values that do not fit each other.
+    """
+
+    model: DiscreteElements
+    feed: Conveying = parameter(  # type: ignore[assignment]
+        MISSING, doc="gas and grains that come in", key="operation"
+    )
+    numerics: TubeNumerics = parameter(doc="mesh and solver", factory=TubeNumerics)
+    initial: TubeStart = parameter(doc="the tube at the start", factory=TubeStart)
+    averages: Averages = parameter(doc="where and when slugs are counted", factory=Averages)
+    solution: ClassVar[str] = "unsteady"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        begin, low, high = self.begin, *self.stretch
+        if begin >= self.numerics.end_time:
+            words = f"a time before numerics.end_time = {self.numerics.end_time:g} s"
+            raise InputError("averages.begin", begin, words)
+        for key, place in (("low", low), ("high", high)):
+            if not 0 <= place <= self.geometry.length:
+                words = f"a place in the tube, which is {self.geometry.length:g} m long"
+                raise InputError(f"averages.{key}", place, words)
+        if low >= high:
+            raise InputError("averages.low", low, f"a place before averages.high = {high:g} m")
+        # what does not fit is refused before anything is written
+        self.tube()
+
+    def _check_feed(self) -> None:
+        """The feed of a tube is checked where the tube is made."""
+
+    def _check_sizes(self) -> None:
+        """Likewise."""
+
+    # -- derived numbers -----------------------------------------------------------------------
+
+    @property
+    def begin(self) -> float:
+        """Time from which is averaged [s]."""
+        given = self.averages.begin
+        return 2 / 7 * self.numerics.end_time if given is None else given
+
+    @property
+    def stretch(self) -> tuple[float, float]:
+        """Places between which slugs are counted [m]."""
+        length, given = self.geometry.length, (self.averages.low, self.averages.high)
+        low, high = (s * length if g is None else g for g, s in zip(given, STRETCH, strict=True))
+        return low, high
+
+    @property
+    def interval(self) -> float:
+        """Time between outputs [s]."""
+        return self.output.interval or self.numerics.end_time / OUTPUTS
+
+    def tube(self) -> SlugTube:
+        """The tube at its start."""
+        return SlugTube(
+            self.geometry,
+            self.model.gas,
+            self.model.solids,
+            self.feed,
+            self.numerics,
+            full=self.initial.state == "filled",
+            seed=self.numerics.seed,
+        )
+
+    # -- the scene -----------------------------------------------------------------------------
+
+    @property
+    def files(self) -> Sequence[str]:
+        """Names of what a run may leave in its directory."""
+        return FILES
+
+    def recorder(self, setting: Setting | None = None) -> TubeRecorder:
+        """What a run tells and keeps while it works."""
+        return TubeRecorder(self, setting or Setting())
+
+    def solve(self, recorder: TubeRecorder, previous: Answer | None = None) -> Answer:
+        """Take the tube to its end.
+
+        Raises
+        ------
+        SolverError
+            grains fly apart, or the pressure has no solution.
+        KeyboardInterrupt
+            the user has asked to stop; the tube stands behind a step.
+        """
+        if previous is not None:
+            previous.close()
+        tube = self.tube()
+        recorder.begin(tube)
+        with signals.deferred() as request:
+            while not recorder.done:
+                tube.step()
+                recorder.step()
+                if request.on_any(recorder.comm):
+                    raise KeyboardInterrupt
+        missing = tube.start + tube.fed - tube.grains.count - tube.out
+        found, errors = self.told(recorder)
+        balances = {"grains": abs(missing) / max(tube.start + tube.fed, 1)}
+        return Answer("finished", found, balances, "pressure_gradient", errors=errors)
+
+    def told(self, recorder: TubeRecorder) -> tuple[dict[str, float], dict[str, float | None]]:
+        """Means of the slugs and twice their standard errors."""
+        samples = recorder.samples.after(self.begin)
+        given = self.averages
+        found = statistics(samples, *self.stretch, given.porosity, given.shortest)
+        values, errors = {}, dict[str, float | None]()
+        for f in fields(found):
+            if unit_of(f.name) is None:
+                continue
+            estimate = getattr(found, f.name)
+            if math.isfinite(estimate.value):
+                values[f.name] = estimate.value
+                errors[f.name] = 2 * estimate.error if math.isfinite(estimate.error) else None
+        return values, errors
+
+    def skipped(self) -> list[str]:
+        """What the scene did not need, and why."""
+        left_out = [
+            "inertia and turbulence of the gas: its pressure diffuses through the bed",
+            "heat, electric charges and humidity",
+        ]
+        if self.model.gas.permeability.name == "carman-kozeny":
+            left_out.append("inertial resistance of the bed: closures.permeability")
+        return left_out
+
+    def advice(self) -> list[str]:
+        """What the user probably did not mean, one sentence each."""
+        said, numerics = [], self.numerics
+        if numerics.cells_across < 2:
+            said.append(
+                "one cell across the tube leaves the gas no way over the bed: the drop comes out a"
+                " fifth low; numerics.cells_across = 2"
+            )
+        if numerics.gas_step > 1e-3:
+            said.append(
+                f"numerics.gas_step = {numerics.gas_step:g} s is long; up to 5e-4 s it has no"
+                " influence on the slugs of 1.4 mm grains"
+            )
+        if numerics.end_time - self.begin < 4.0:
+            said.append(
+                f"{numerics.end_time - self.begin:.3g} s are few for statistics of slugs; errors"
+                " come from blocks of 2 s"
+            )
+        return said
+
+    def describe(self) -> dict[str, Any]:
+        """What would be solved, what is left out, and what it would take."""
+        tube, feed, model = self.tube(), self.feed, self.model
+        per_second = feed.solids_mass_flow / model.solids.mean_mass
+        # a tube holds about a fifth of its volume in grains when slugs form
+        volume = self.geometry.length * self.geometry.area
+        inside = 0.2 * volume / (model.solids.mean_mass / model.solids.density)
+        steps = self.numerics.end_time / self.numerics.gas_step
+        time = steps * (GAS_TIME + tube.inner_steps * inside * GRAIN_TIME)
+        return {
+            "title": self.title or "untitled",
+            "solved": "slug conveying by discrete elements in the pressure field of the gas",
+            "given": (
+                f"gas {feed.gas_velocity:g} m/s, grains {feed.solids_mass_flow:g} kg/s"
+                f" ({per_second:.0f} a second); found: pressure drop, slugs"
+            ),
+            "closures": [f"{law.family}: {law.name}" for law in model.laws()],
+            "skipped": self.left_out(),
+            "inferred": list(self.inferred) or "nothing",
+            "warnings": self.warnings() or "none",
+            "meshes": f"{tube.gas.tube.size} nodes of the pressure",
+            "steps": (
+                f"{self.numerics.gas_step:g} s for the gas, {tube.inner_steps} times shorter for"
+                " the grains"
+            ),
+            "averages": (
+                f"from {self.begin:.3g} s, between {self.stretch[0]:.3g} and"
+                f" {self.stretch[1]:.3g} m"
+            ),
+            "memory": f"about {MEMORY} MB",
+            "time": f"about {time:.0f} s, if {inside:.0f} grains are inside",
+        }
+
+
+UNREAD = (
+    *(key_of(Resolution, f) for f in fields(Resolution)),
+    *(key_of(Cloud, f) for f in fields(Cloud)),
+    "output.stations", "output.probes", "output.sections", "output.fields",
+    "geometry.symmetry",
+)  # fmt: skip
+register(Kind("slug", Slug, DiscreteElements, (Pipe, Duct), Physics, {}, UNREAD))
