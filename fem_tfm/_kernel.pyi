@@ -5,7 +5,7 @@ import numpy as np
 import numpy.typing as npt
 
 ROW: int
-MAP: int
+FACE: int
 SUMS: int
 CHUNK: int
 DRAG_FIRST: int

@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from fem_tfm.bench import duct, error, grains, stress, unsteady, unsteady_error
+from fem_tfm.bench import duct, error, grains, particles, stress, unsteady, unsteady_error
 from fem_tfm.errors import InputError, nearest
 
 BENCHMARKS: dict[str, Callable[[Path], str]] = {
     "error": error.run,
     "duct": duct.run,
     "grains": lambda out: grains.run(),
+    "particles": lambda out: particles.run(),
     "stress": lambda out: stress.run(),
     "stress-quick": lambda out: stress.run_quick(),
     "stress-turbulence": lambda out: stress.run_turbulent(),

@@ -13,6 +13,7 @@
 #pragma once
 
 #include "impact.h"
+#include "space.h"
 
 namespace KERNEL_NAMESPACE {
 
@@ -122,7 +123,8 @@ struct Stepper {
     int64_t next, stop;
 
     Stepper(const Job& j, int64_t begin, int64_t end, Output& o) : job(j), out(o), next(begin), stop(end) {
-        rows = {j.gas.rows[0], j.gas.rows[1], j.gas.rows[1] != nullptr};
+        rows = {j.gas.rows[0], j.gas.rows[1], j.gas.rows[1] != nullptr,
+                FULL || j.options.dispersion != kernel::Dispersion::none};
         first = j.gas.z[0];
         per_z = rows.both ? (float)(1.0 / (j.gas.z[1] - j.gas.z[0])) : 0.0f;
     }
@@ -174,6 +176,7 @@ struct Stepper {
     void copy_lane(int k, int from) {
         settle_lane(job, s, k, s.index[from]);
         s.cell[k] = s.cell[from];
+        for (int j = 0; j < 3; ++j) s.x[j][k] = s.x[j][from];
     }
 
     INLINE void step() {
@@ -730,7 +733,48 @@ struct Stepper {
             const d8 r = splat_double(g.half[0]) - radius;
             return less(r * r, target[0] * target[0] + target[1] * target[1]);
         }
+        if (Kind::DIM == 3 && g.wall == kernel::Wall::planes) {
+            i8 near;
+            for (int k = 0; k < LANES; ++k)
+                near[k] = job.grid.near_start[s.cell[k]] < job.grid.near_start[s.cell[k] + 1] ? -1 : 0;
+            return near;
+        }
+        if (Kind::DIM == 3 && g.wall != kernel::Wall::none) return outside_bend(target, to_float(radius));
         return splat_int(0);
+    }
+
+    // the same of a bent line, with a margin for round-off
+    INLINE i8 outside_bend(const d8 target[3], f8 radius) {
+        const Geometry& g = job.geometry;
+        const double co = __builtin_cos(g.angle), si = __builtin_sin(g.angle);
+        const bool up = g.normal[1] != 0.0;
+        const d8 lever = splat_double(g.radius) - (target[0] * splat_double(g.normal[0]) + target[1] * splat_double(g.normal[1]));
+        const d8 ahead = target[2] - splat_double(g.before), zero = splat_double(0.0);
+        const f8 behind = to_float(lever * splat_double(co) + ahead * splat_double(si));
+        const f8 l = to_float(lever), a = to_float(ahead), size = root(l * l + a * a);
+        const i8 first = less(ahead, zero) & less(zero, lever);
+        const i8 last = less(zero, ahead * splat_double(co) - lever * splat_double(si));
+        const f8 c = (float)g.radius - select(first, l, select(last, behind, size));
+        const f8 b = to_float(up ? target[0] : target[1]);
+        const f8 margin = radius + splat((float)(2e-6 * g.radius));
+        if (g.wall == kernel::Wall::bent_circle) return root(c * c + b * b) > (float)g.half[0] - margin;
+        const f8 wide = splat((float)g.half[up ? 1 : 0]), high = splat((float)g.half[up ? 0 : 1]);
+        return (absolute(c) > wide - margin) | (absolute(b) > high - margin);
+    }
+
+    // lanes beyond the ends of a line
+    INLINE unsigned gone() {
+        const Geometry& g = job.geometry;
+        const d8 z = load(s.x[2]), zero = splat_double(0.0);
+        if (g.wall != kernel::Wall::bent_circle && g.wall != kernel::Wall::bent_rectangle)
+            return bits(less(z, zero) | less(splat_double(g.length), z));
+        const double co = __builtin_cos(g.angle), si = __builtin_sin(g.angle);
+        const double rest = g.length - g.before - g.radius * g.angle;
+        const d8 lever = splat_double(g.radius) - (load(s.x[0]) * splat_double(g.normal[0]) + load(s.x[1]) * splat_double(g.normal[1]));
+        const d8 ahead = z - splat_double(g.before);
+        const i8 first = less(ahead, zero) & less(zero, lever);
+        const i8 beyond = less(splat_double(rest), ahead * splat_double(co) - lever * splat_double(si));
+        return bits((first & less(z, zero)) | (~first & beyond));
     }
 
     // impacts, and lanes that are done
@@ -738,8 +782,9 @@ struct Stepper {
                        const d8 target[3], f8 dt) {
         const Options& o = job.options;
         out.counts.steps += __builtin_popcount(s.active);
-        unsigned deposited = 0;
-        if (hit) deposited = impacts(g, m, hit, x, target, dt);
+        unsigned deposited = 0, out_now = 0;
+        if (hit) deposited = impacts(g, m, hit, x, target, dt, out_now);
+        if (job.geometry.length > 0) out_now |= gone();
         store(s.count, load(s.count) + 1);
         i8 ends;
         if (o.until_time) {
@@ -752,12 +797,13 @@ struct Stepper {
         const d8 sum = load(s.x[0]) + load(s.x[1]) + load(s.x[2]) + load(s.v[0]) + load(s.v[1]) + load(s.v[2]);
         const i8 fine = less(absolute(sum), splat_double(1e300));
         const unsigned lost = ~bits(fine) & 255u, stuck = bits(long_way);
-        unsigned done = (last | bits(ends) | deposited | lost | stuck) & s.active;
+        unsigned done = (last | bits(ends) | deposited | out_now | lost | stuck) & s.active;
         for (; done; done &= done - 1) {
             const int k = __builtin_ctz(done);
             const unsigned bit = 1u << k;
             const int8_t status = lost & bit        ? kernel::LOST
                                   : deposited & bit ? kernel::DEPOSITED
+                                  : out_now & bit   ? kernel::OUT
                                   : (last | bits(ends)) & bit ? kernel::INSIDE
                                                               : kernel::STUCK;
             if (o.until_time && status == kernel::INSIDE) s.time[k] = o.end;
@@ -772,7 +818,7 @@ struct Stepper {
     }
 
     __attribute__((noinline)) unsigned impacts(const Sample& g, const Mirror& m, unsigned hit, const d8 x[3],
-                                               const d8 target[3], f8 dt) {
+                                               const d8 target[3], f8 dt, unsigned& out_now) {
         unsigned deposited = 0;
         alignas(64) double from[3][8], to[3][8];
         for (int i = 0; i < 3; ++i) store(from[i], x[i]), store(to[i], target[i]);
@@ -792,14 +838,18 @@ struct Stepper {
             body.id = (uint64_t)s.low[k] | (uint64_t)s.high[k] << 32;
             body.step = s.step[k];
             body.bounces = s.bounces[k];
-            body.deposited = false;
+            body.cell = s.cell[k];
+            body.deposited = body.out = false;
             const float sign[3] = {m.sign[0][k], m.sign[1][k], 1.0f};
             const float L[3][3] = {{g.factor[0][k], 0, 0},
                                    {g.factor[1][k], g.factor[2][k], 0},
                                    {g.factor[3][k], g.factor[4][k], g.factor[5][k]}};
             for (int i = 0; i < 3; ++i)
                 for (int j = 0; j < 3; ++j) body.factor[i][j] = sign[i] * L[i][j] * sign[j];
+            body.mirrored = job.geometry.wall == kernel::Wall::planes && sign[0] < 0.0f;
+            if (body.mirrored) mirror_body(body);
             collide(job, body, (int64_t)body.id, s.index[k], s.time[k], out);
+            if (body.mirrored) mirror_body(body);
             for (int i = 0; i < 3; ++i) {
                 s.x[i][k] = body.x[i];
                 s.v[i][k] = body.v[i];
@@ -809,8 +859,22 @@ struct Stepper {
             }
             s.bounces[k] = body.bounces;
             if (body.deposited) deposited |= 1u << k;
+            if (body.out) out_now |= 1u << k;
         }
         return deposited;
+    }
+
+    // the image of a body in the plane x = 0
+    static void mirror_body(Body& body) {
+        body.x[0] = -body.x[0];
+        body.path[0] = -body.path[0];
+        body.v[0] = -body.v[0];
+        body.u[0] = -body.u[0];
+        body.xi[0] = -body.xi[0];
+        for (int i = 1; i < 3; ++i) body.omega[i] = -body.omega[i];
+        for (int i = 0; i < 3; ++i)
+            for (int j = 0; j < 3; ++j)
+                if ((i == 0) != (j == 0)) body.factor[i][j] = -body.factor[i][j];
     }
 };
 
@@ -829,8 +893,12 @@ void advance(const Job& job, int64_t begin, int64_t end, Output& out) {
                         : run<Quadrilateral, false>(job, begin, end, out);
         case Cells::triangle:
             return full ? run<Triangle, true>(job, begin, end, out) : run<Triangle, false>(job, begin, end, out);
-        default:
-            return;
+        case Cells::tetrahedron:
+            return full ? run<Tetrahedron, true>(job, begin, end, out)
+                        : run<Tetrahedron, false>(job, begin, end, out);
+        case Cells::hexahedron:
+            return full ? run<Hexahedron, true>(job, begin, end, out)
+                        : run<Hexahedron, false>(job, begin, end, out);
     }
 }
 

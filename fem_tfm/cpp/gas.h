@@ -14,8 +14,13 @@ namespace KERNEL_NAMESPACE {
 using kernel::Cells;
 using kernel::Gas;
 using kernel::Grid;
-using kernel::MAP;
 using kernel::ROW;
+
+// floats of the row of a cell
+constexpr int PLANE_MAP = kernel::layout_of(Cells::quadrilateral).map;
+constexpr int TETRAHEDRON_MAP = kernel::layout_of(Cells::tetrahedron).map;
+constexpr int HEXAHEDRON_MAP = kernel::layout_of(Cells::hexahedron).map;
+static_assert(PLANE_MAP == kernel::layout_of(Cells::triangle).map, "one map for plane cells");
 
 // places outside a cell by less than this, in reference coordinates, are inside
 constexpr float TOLERANCE = 2e-6f;
@@ -122,7 +127,7 @@ struct Walk {
 
 // origin and inverse at the centre of plane cells, and the offset from the origin
 INLINE void plane_affine(const Grid& grid, const d8 p[3], const Place& place, f8 m[8], f8& dx, f8& dy) {
-    for (int k = 0; k < LANES; ++k) m[k] = load(grid.map + (int64_t)place.cell[k] * MAP);
+    for (int k = 0; k < LANES; ++k) m[k] = load(grid.map + (int64_t)place.cell[k] * PLANE_MAP);
     transpose(m);
     dx = to_float(p[0] - (to_double(m[0]) + to_double(m[1])));
     dy = to_float(p[1] - (to_double(m[2]) + to_double(m[3])));
@@ -139,7 +144,7 @@ INLINE void plane_newton(const Grid& grid, i8 curved, f8 dx, f8 dy, Place& place
     f8 c[16];
     for (int h = 0; h < 2; ++h) {
         for (int k = 0; k < LANES; ++k)
-            c[8 * h + k] = load(grid.map + (int64_t)place.cell[k] * MAP + 8 + 8 * h);
+            c[8 * h + k] = load(grid.map + (int64_t)place.cell[k] * PLANE_MAP + 8 + 8 * h);
         transpose(c + 8 * h);
     }
     // coefficients of xi, eta, xi eta, xi^2, eta^2, xi^2 eta, xi eta^2, xi^2 eta^2
@@ -185,17 +190,10 @@ INLINE void plane_invert(const Grid& grid, const d8 p[3], Place& place) {
     }
 }
 
-// Sums over the nodes of one lane: fields 0-7, 8-15 (8-11 unless FULL), and slopes of the fields
-// 4-7 (0-7 if FULL) in both reference coordinates.
-struct LaneSums {
-    f8 low, slope_a, slope_b;
-    f8 high;
-};
-
 // rows of a node at both stations, linear between them
 struct Rows {
     const float *first, *second;
-    bool both;
+    bool both, slopes;
     INLINE f8 eight(int64_t node, int from, float t) const {
         const f8 r = load(first + node * ROW + from);
         if (!both) return r;
@@ -322,7 +320,7 @@ struct Quadrilateral : Walk<Quadrilateral> {
                         dq += splat(dp) * r;
                     } else {
                         hq4 += four(wp) * rows.four(n, 8, tk);
-                        dq4 += four(dp) * (rows.both ? upper(r) : rows.four(n, 4, tk));
+                        if (rows.slopes) dq4 += four(dp) * (rows.both ? upper(r) : rows.four(n, 4, tk));
                     }
                 }
                 const float wq = w[6 + q][k], eq = w[9 + q][k];
@@ -333,8 +331,10 @@ struct Quadrilateral : Walk<Quadrilateral> {
                     sb += splat(eq) * lq;
                 } else {
                     h4 += four(wq) * hq4;
-                    sa4 += four(wq) * dq4;
-                    sb4 += four(eq) * upper(lq);
+                    if (rows.slopes) {
+                        sa4 += four(wq) * dq4;
+                        sb4 += four(eq) * upper(lq);
+                    }
                 }
             }
             low[k] = l;

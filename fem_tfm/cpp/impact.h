@@ -25,10 +25,144 @@ struct Body {
     float factor[3][3];
     uint64_t id;
     uint32_t step, bounces;
-    bool deposited;
+    int32_t cell;
+    bool deposited, out, mirrored;
 };
 
 INLINE double dot(const double* a, const double* b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+// A place in the section of a bent line: c towards the centre of the arc, b across, with their units.
+struct Across {
+    double c, b, towards[3], aside[3], limit_c, limit_b;
+};
+
+// where along a bent line: 0 before the arc, 1 in it, 2 behind it
+INLINE int leg_of(const Geometry& g, const double x[3], double& lever, double& ahead) {
+    lever = g.radius - (x[0] * g.normal[0] + x[1] * g.normal[1]);
+    ahead = x[2] - g.before;
+    if (ahead < 0.0 && lever > 0.0) return 0;
+    return ahead * __builtin_cos(g.angle) - lever * __builtin_sin(g.angle) > 0.0 ? 2 : 1;
+}
+
+INLINE Across across(const Geometry& g, const double x[3]) {
+    Across a;
+    const bool up = g.normal[1] != 0.0;
+    a.b = up ? x[0] : x[1];
+    a.aside[0] = up ? 1.0 : 0.0;
+    a.aside[1] = up ? 0.0 : 1.0;
+    a.aside[2] = 0.0;
+    a.limit_c = g.half[up ? 1 : 0];
+    a.limit_b = g.half[up ? 0 : 1];
+    double lever, ahead, n = 1.0, z = 0.0;
+    const int leg = leg_of(g, x, lever, ahead);
+    if (leg == 0) {
+        a.c = g.radius - lever;
+    } else if (leg == 2) {
+        n = __builtin_cos(g.angle);
+        z = -__builtin_sin(g.angle);
+        a.c = g.radius - (lever * n - ahead * z);
+    } else {
+        const double size = __builtin_sqrt(lever * lever + ahead * ahead);
+        n = lever / size;
+        z = -ahead / size;
+        a.c = g.radius - size;
+    }
+    a.towards[0] = n * g.normal[0];
+    a.towards[1] = n * g.normal[1];
+    a.towards[2] = z;
+    return a;
+}
+
+// how far a place lies beyond the walls of a bent line, below 0 inside
+INLINE double beyond_bend(const Geometry& g, const double x[3], double radius) {
+    const Across a = across(g, x);
+    if (g.wall == kernel::Wall::bent_circle)
+        return __builtin_sqrt(a.c * a.c + a.b * a.b) - (g.half[0] - radius);
+    const double c = __builtin_fabs(a.c) - (a.limit_c - radius), b = __builtin_fabs(a.b) - (a.limit_b - radius);
+    return c > b ? c : b;
+}
+
+INLINE void bend_normal(const Geometry& g, const double x[3], double radius, double normal[3]) {
+    const Across a = across(g, x);
+    double c = a.c, b = a.b;
+    if (g.wall == kernel::Wall::bent_circle) {
+        const double size = __builtin_sqrt(c * c + b * b);
+        c /= size;
+        b /= size;
+    } else {
+        const bool side = __builtin_fabs(c) - (a.limit_c - radius) < __builtin_fabs(b) - (a.limit_b - radius);
+        const double sign = (side ? b : c) > 0.0 ? 1.0 : -1.0;
+        c = side ? 0.0 : sign;
+        b = side ? sign : 0.0;
+    }
+    for (int i = 0; i < 3; ++i) normal[i] = c * a.towards[i] + b * a.aside[i];
+}
+
+// the walls of a bent line by bisection
+inline double first_bend(const Geometry& g, const Body& body, double normal[3]) {
+    double x[3];
+    auto at = [&](double share) {
+        for (int i = 0; i < 3; ++i) x[i] = body.x[i] + share * body.path[i];
+        return beyond_bend(g, x, body.radius);
+    };
+    if (!(at(1.0) > 0.0)) return 2.0;
+    double low = 0.0, high = 1.0;
+    if (at(0.0) >= 0.0) {
+        // on the wall: either into it, or away from it to another
+        bend_normal(g, x, body.radius, normal);
+        if (dot(body.path, normal) > 0.0) return 0.0;
+        for (low = 1e-9; low < 1.0 && at(low) >= 0.0; low *= 4.0) {
+        }
+        if (low >= 1.0) return 2.0;
+    }
+    for (int pass = 0; pass < 52; ++pass) {
+        const double middle = 0.5 * (low + high);
+        (at(middle) > 0.0 ? high : low) = middle;
+    }
+    at(low);
+    bend_normal(g, x, body.radius, normal);
+    return low;
+}
+
+// whether a point of a triangle's plane lies in it, or less than `slack` beside it
+INLINE bool covers(const double* face, const double p[3], double slack) {
+    const double *n = face, *v = face + 4;
+    for (int i = 0; i < 3; ++i) {
+        const double *a = v + 3 * i, *b = v + 3 * ((i + 1) % 3);
+        const double e[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]};
+        const double q[3] = {p[0] - a[0], p[1] - a[1], p[2] - a[2]};
+        const double side = n[0] * (e[1] * q[2] - e[2] * q[1]) + n[1] * (e[2] * q[0] - e[0] * q[2]) +
+                            n[2] * (e[0] * q[1] - e[1] * q[0]);
+        const double size = __builtin_sqrt(dot(e, e));
+        if (side < -size * (slack + 1e-7 * size)) return false;
+    }
+    return true;
+}
+
+// the triangles of the boundary near the cell of the step
+inline double first_face(const Grid& grid, const Body& body, double normal[3], bool& open) {
+    double first = 2.0;
+    const double step = __builtin_sqrt(dot(body.path, body.path));
+    for (int32_t j = grid.near_start[body.cell]; j < grid.near_start[body.cell + 1]; ++j) {
+        const double* face = grid.face + (int64_t)grid.near[j] * kernel::FACE;
+        const bool wall = face[13] == 1.0;
+        const double r = wall ? body.radius : 0.0, ahead = dot(face, body.path);
+        const double beyond = dot(face, body.x) + r - face[3];
+        if (ahead <= 0.0 || beyond + ahead <= 0.0 || beyond > r + step) continue;
+        double share = -beyond / ahead;
+        share = share > 0.0 ? share : 0.0;
+        if (share >= first) continue;
+        double p[3];
+        for (int i = 0; i < 3; ++i) p[i] = body.x[i] + share * body.path[i];
+        const double off = face[3] - dot(face, p);
+        for (int i = 0; i < 3; ++i) p[i] += off * face[i];
+        if (!covers(face, p, r)) continue;
+        first = share;
+        open = !wall;
+        for (int i = 0; i < 3; ++i) normal[i] = face[i];
+    }
+    return first;
+}
 
 // share of the path until the first wall, and the wall's normal out of the flow; above 1 for none
 INLINE double first_wall(const Geometry& g, const Body& body, double normal[3]) {
@@ -172,14 +306,32 @@ INLINE void rebound(Body& body, const Options& o, const double n[3]) {
     for (int i = 0; i < 3; ++i) body.v[i] -= (1.0 + e) * vn * n[i];
 }
 
+INLINE double first_hit(const Job& job, const Body& body, double n[3], bool& open) {
+    switch (job.geometry.wall) {
+        case kernel::Wall::planes:
+            return first_face(job.grid, body, n, open);
+        case kernel::Wall::bent_rectangle:
+        case kernel::Wall::bent_circle:
+            return first_bend(job.geometry, body, n);
+        default:
+            return first_wall(job.geometry, body, n);
+    }
+}
+
 inline void collide(const Job& job, Body& body, int64_t id, int32_t index, double time,
                     kernel::Output& out) {
     const Options& o = job.options;
     double left = 1.0;
     for (int bounce = 0; bounce < MOST_BOUNCES; ++bounce) {
         double n[3];
-        const double share = first_wall(job.geometry, body, n);
+        bool open = false;
+        const double share = first_hit(job, body, n, open);
         if (share > 1.0) break;
+        if (open) {
+            body.out = true;
+            for (int i = 0; i < 3; ++i) body.x[i] += share * body.path[i], body.path[i] = 0.0;
+            break;
+        }
         if (bounce == MOST_BOUNCES - 1) {
             for (int i = 0; i < 3; ++i) body.path[i] = 0.0;
             break;
@@ -194,6 +346,7 @@ inline void collide(const Job& job, Body& body, int64_t id, int32_t index, doubl
             kernel::ImpactRecord r;
             r.id = id, r.step = body.step, r.bounce = (uint32_t)bounce, r.index = index;
             for (int i = 0; i < 3; ++i) r.x[i] = body.x[i], r.v[i] = body.v[i], r.normal[i] = n[i];
+            if (body.mirrored) r.x[0] = -r.x[0], r.v[0] = -r.v[0], r.normal[0] = -r.normal[0];
             r.time = time - left * body.dt;
             out.record(out.records, r);
         }

@@ -22,9 +22,9 @@ enum Field : int {
     TEMPERATURE = 12,
     PRESSURE = 13,      // grad p/rho
 };
-// floats of the row of a cell: origin in two parts an axis, inverse of the Jacobian at its centre,
-// coefficients of the map of a cell that is not affine
-constexpr int MAP = 48;
+
+// doubles of a triangle of the boundary
+constexpr int FACE = 14;
 
 enum class Cells : int { quadrilateral, triangle, tetrahedron, hexahedron };
 enum class Wall : int { none, rectangle, circle, planes, bent_rectangle, bent_circle };
@@ -32,15 +32,17 @@ enum class Dispersion : int { none, langevin, eddies };
 enum class Impact : int { elastic, restitution, stick };
 enum Status : int8_t { INSIDE = 0, OUT = 1, DEPOSITED = 2, LOST = 3, STUCK = 4 };
 
-// nodes of a cell in the kernel's order and its facets
+// Nodes of a cell in the kernel's order, its facets, and the floats of the row of a cell: origin in two
+// parts an axis, inverse of the Jacobian at its centre, coefficients of the map of a cell that is not
+// affine.
 struct Layout {
-    int nodes, facets, dim;
+    int nodes, facets, dim, map;
 };
 constexpr Layout layout_of(Cells cells) {
-    return cells == Cells::quadrilateral ? Layout{9, 4, 2}
-           : cells == Cells::triangle    ? Layout{6, 3, 2}
-           : cells == Cells::tetrahedron ? Layout{4, 4, 3}
-                                         : Layout{8, 6, 3};
+    return cells == Cells::quadrilateral ? Layout{9, 4, 2, 24}
+           : cells == Cells::triangle    ? Layout{6, 3, 2, 24}
+           : cells == Cells::tetrahedron ? Layout{4, 4, 3, 16}
+                                         : Layout{8, 6, 3, 48};
 }
 
 struct Grid {
@@ -48,16 +50,17 @@ struct Grid {
     int count, nodes;
     const int32_t* node;       // (count, nodes of a cell)
     const int32_t* neighbour;  // (count, facets of a cell), -1 at the boundary, -2 - part at an end
-    const float* map;          // (count, MAP)
+    const float* map;          // (count, floats of the row)
     const uint8_t* curved;     // (count,) whether a cell is not affine
     bool any_curved;
     // box around the cells in bins, each with a cell nearby where a search begins
     double low[3], inverse_bin[3];
     int bins[3];
     const int32_t* seed;
-    // planes of the facets: normal out, offset (count, facets, 4)
-    const double* plane;
-    const float* corner;  // (count, vertices, 3) relative to the cell's origin
+    // triangles of the boundary near each cell: where a cell's list starts (count + 1), their numbers,
+    // and for each its normal out, offset, vertices and kind (1 wall, 2 open), FACE doubles
+    const int32_t *near_start, *near;
+    const double* face;
     int folds;  // 0 whole, 1 about x = 0, 2 about x = 0 and y = 0
 };
 
@@ -67,6 +70,7 @@ struct Geometry {
     double strip = 0;         // distance of the mesh from the wall
     // arc of a bent line: straight before, then radius and angle, normal towards its centre
     double before = 0, radius = 0, angle = 0, normal[2] = {0, 1};
+    double length = 0;  // along the axis, beyond which a particle is out; 0 for no end
 };
 
 struct Gas {

@@ -76,7 +76,7 @@ struct Grid {
         const size_t n = grid.count;
         grid.node = data<int32_t>(given, "node", n * layout.nodes);
         grid.neighbour = data<int32_t>(given, "neighbour", n * layout.facets);
-        grid.map = data<float>(given, "map", n * kernel::MAP);
+        grid.map = data<float>(given, "map", n * layout.map);
         grid.curved = data<uint8_t>(given, "curved", n);
         grid.any_curved = std::any_of(grid.curved, grid.curved + n, [](uint8_t c) { return c != 0; });
         for (int i = 0; i < 3; ++i) {
@@ -85,7 +85,15 @@ struct Grid {
             grid.bins[i] = bins[i];
         }
         grid.seed = data<int32_t>(given, "seed", (size_t)bins[0] * bins[1] * bins[2]);
-        if (given.contains("plane")) grid.plane = data<double>(given, "plane", n * layout.facets * 4);
+        if (given.contains("near")) {
+            grid.near_start = data<int32_t>(given, "near_start", n + 1);
+            grid.near = data<int32_t>(given, "near", (size_t)grid.near_start[n]);
+            const size_t faces = nb::cast<Array<double>>(given["face"]).size();
+            grid.face = data<double>(given, "face", faces);
+            for (int32_t i = 0; i < grid.near_start[n]; ++i) {
+                if ((size_t)(grid.near[i] + 1) * kernel::FACE > faces) throw std::invalid_argument("near");
+            }
+        }
         grid.folds = folds;
     }
 };
@@ -116,6 +124,7 @@ kernel::Geometry geometry_of(const nb::dict& g) {
     found.angle = number(g, "angle");
     found.normal[0] = number(g, "normal_x");
     found.normal[1] = number(g, "normal_y");
+    found.length = number(g, "length");
     return found;
 }
 
@@ -256,6 +265,9 @@ Run run_of(const Grid& grid, const nb::dict& geometry, const nb::dict& gas, cons
     Run run;
     run.job.grid = grid.grid;
     run.job.geometry = geometry_of(geometry);
+    if (run.job.geometry.wall == kernel::Wall::planes && !grid.grid.near) {
+        throw std::invalid_argument("a grid without faces");
+    }
     run.job.gas = gas_of(gas, grid.grid.nodes);
     const auto capacity = nb::cast<Array<double>>(options["particle_heat_capacity"]);
     run.job.options = options_of(options, (int64_t)capacity.size());
@@ -324,8 +336,8 @@ nb::ndarray<nb::numpy, double, nb::ndim<2>> sorted(Impacts& impacts) {
 NB_MODULE(_kernel, m) {
     m.doc() = "Compiled kernel of the particle tracker; fem_tfm.models.particles is its face.";
     m.attr("ROW") = kernel::ROW;
-    m.attr("MAP") = kernel::MAP;
     m.attr("SUMS") = kernel::SUMS;
+    m.attr("FACE") = kernel::FACE;
     m.attr("CHUNK") = kernel::CHUNK;
     m.attr("DRAG_FIRST") = kernel::DRAG_FIRST;
     m.attr("DRAG_OCTAVES") = kernel::DRAG_OCTAVES;

@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
+from scipy.sparse import csr_matrix, diags
 
 from fem_tfm.closures.particles.dispersion import ParticleDispersion
 from fem_tfm.closures.turbulence.gas import Laminar
@@ -21,9 +22,11 @@ from fem_tfm.errors import InputError
 from fem_tfm.fenics import compile_expression
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.materials import Gas
+from fem_tfm.models.finite_volume import UnsteadyFlow
 from fem_tfm.models.particles.field import Field
 from fem_tfm.models.particles.grid import Floats, Gathered, Grid
 from fem_tfm.models.particles.sinks import Sinks
+from fem_tfm.models.pointwise import Invariants
 from fem_tfm.models.reynolds_stress.section import ReynoldsStressSection
 from fem_tfm.models.section import Section
 from fem_tfm.models.two_fluid.section import TwoFluidSection
@@ -196,12 +199,8 @@ class TwoFluidCarrier(_SectionCarrier):
         if isinstance(self.section.setup.model.turbulence, Laminar):
             return None
         shear, viscosity = self._shear_and_viscosity()
-        k = np.maximum(viscosity * shear / math.sqrt(C_MU), SMALLEST_ENERGY)
-        comm = self.mesh.mesh.comm
-        most = comm.allreduce(float(k.max(initial=0.0)), MPI.MAX)
-        # no eddy turns more slowly than the largest across the section
-        least = math.sqrt(most) / self.mesh.section.hydraulic_diameter
-        return k, k * np.maximum(shear * math.sqrt(C_MU), least)
+        comm, width = self.mesh.mesh.comm, self.mesh.section.hydraulic_diameter
+        return equilibrium(shear, viscosity, width, comm)
 
     def _shear_and_viscosity(self) -> tuple[Floats, Floats]:
         """S [1/s] and nu_t [m2/s] at the nodes that this rank gives."""
@@ -220,6 +219,77 @@ class TwoFluidCarrier(_SectionCarrier):
             function.interpolate(expression)
             found.append(function.x.array[dofs])
         return found[0], found[1] / self.gas.density
+
+
+class LineCarrier(Carrier):
+    """The gas of an unsteady flow in a line, its cell values averaged at the nodes by volume.
+
+    The stresses are 2/3 k I; an algebraic eddy viscosity stands for turbulence in equilibrium, as
+    for a two-fluid section. Walls are those of the line, exact whatever the mesh.
+    """
+
+    def __init__(self, flow: UnsteadyFlow, dispersion: ParticleDispersion) -> None:
+        super().__init__(flow.mesh, flow.gas)
+        self.flow, self.dispersion = flow, dispersion
+        nodes = self.grid.nodes
+        weight = np.repeat(self.grid.sizes, nodes.shape[1])
+        shape = len(self.grid.points), self.grid.count
+        entries = (weight, (nodes.ravel(), np.repeat(np.arange(self.grid.count), nodes.shape[1])))
+        table = csr_matrix(entries, shape=shape)
+        self._average = diags(1 / np.asarray(table.sum(axis=1)).ravel()) @ table
+
+    def update(self) -> None:
+        """Read velocity, turbulence and pressure gradient (collective)."""
+        flow, own = self.flow, self.flow.line.own
+        columns = [flow.now.u_g[own], flow.cells.gradient(flow.now.p) / self.gas.density]
+        scales = self._scales() if self.dispersion.turbulent else None
+        if scales is not None:
+            columns += [scales[0][:, None], scales[1][:, None]]
+        whole = self._average @ self._whole(np.concatenate(columns, axis=1))
+        stress = time = None
+        if scales is not None:
+            k = np.maximum(whole[:, 6], SMALLEST_ENERGY)
+            stress = 2 / 3 * k[:, None, None] * np.eye(3)
+            time = self.dispersion.life(k, whole[:, 7])
+        self.field.fill(
+            velocity=whole[:, :3], stress=stress, time=time, pressure_gradient=whole[:, 3:6]
+        )
+
+    def _whole(self, owned: Floats) -> Floats:
+        """Values of all cells of the grid, from those that this rank owns."""
+        comm, found = self.mesh.mesh.comm, np.empty((self.grid.count, *owned.shape[1:]))
+        parts = zip(comm.allgather(self.grid.owned), comm.allgather(owned), strict=True)
+        for numbers, part in parts:
+            found[numbers] = part
+        return found
+
+    def _scales(self) -> tuple[Floats, Floats] | None:
+        """k [m2/s2] and eps [m2/s3] in the owned cells; None in a laminar gas."""
+        flow, own = self.flow, self.flow.line.own
+        if "k" in flow.now.scales:
+            return flow.now.scales["k"][own], flow.now.scales["eps"][own]
+        law = flow.laws.closures.turbulence
+        if isinstance(law, Laminar):
+            return None
+        gradient = flow.cells.gradient(flow.now.u_g)
+        height, slope = (values[own] for values in flow.line.gas_profile)
+        eddies = flow.laws.eddies(Invariants(gradient), height, slope)
+        viscosity = np.asarray(law.viscosity(eddies)) / self.gas.density
+        comm, width = self.mesh.mesh.comm, self.mesh.section.hydraulic_diameter
+        return equilibrium(np.asarray(eddies.strain), viscosity, width, comm)
+
+
+def equilibrium(
+    shear: Floats, viscosity: Floats, width: float, comm: MPI.Comm
+) -> tuple[Floats, Floats]:
+    """k and eps of turbulence whose production is its dissipation (collective).
+
+    k = nu_t S/C_mu^(1/2) and eps = C_mu^(1/2) S k, of a shear rate S [1/s] and an eddy viscosity
+    nu_t [m2/s]; no eddy turns more slowly than the largest across the width [m].
+    """
+    k = np.maximum(viscosity * shear / math.sqrt(C_MU), SMALLEST_ENERGY)
+    most = comm.allreduce(float(k.max(initial=0.0)), MPI.MAX)
+    return k, k * np.maximum(shear * math.sqrt(C_MU), math.sqrt(most) / width)
 
 
 def SectionCarrier(section: Section, gas: Gas, dispersion: ParticleDispersion) -> _SectionCarrier:

@@ -19,9 +19,10 @@ from scipy.spatial import cKDTree
 
 from fem_tfm import _kernel
 from fem_tfm.errors import InputError
+from fem_tfm.geometry.arc import Arc
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.section import RectangularSection, Section
-from fem_tfm.models.particles import shapes
+from fem_tfm.models.particles import faces, shapes
 from fem_tfm.models.particles.shapes import Cell
 
 type Floats = npt.NDArray[np.float64]
@@ -44,20 +45,27 @@ class Walls:
     half : half width and height of a rectangle [m], the radius first for a circle
     strip : distance from the wall at which the mesh begins [m]
     arc : straight length before the arc, radius and angle, and its normal in the section
+    length : along the axis, beyond whose ends a parcel is out [m]; 0 for no ends
     """
 
     kind: str
     half: tuple[float, float] = (0.0, 0.0)
     strip: float = 0.0
     arc: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 1.0)
+    length: float = 0.0
 
     @classmethod
-    def of(cls, section: Section) -> Walls:
-        """Those of a straight line of a section."""
+    def of(cls, section: Section, length: float | None = None, arc: Arc | None = None) -> Walls:
+        """Those of a section, or of a line of a length [m]."""
         if isinstance(section, RectangularSection):
-            half = section.width / 2, section.height / 2
-            return cls("rectangle", half, section.wall_offset)
-        return cls("circle", (section.radius, section.radius), section.wall_offset)
+            kind, half = "rectangle", (section.width / 2, section.height / 2)
+        else:
+            kind, half = "circle", (section.radius, section.radius)
+        if arc is None:
+            return cls(kind, half, section.wall_offset, length=length or 0.0)
+        x, y, _ = (float(n) for n in arc.normal)
+        turn = arc.before, arc.radius, arc.angle, x, y
+        return cls(f"bent {kind}", half, section.wall_offset, turn, length or 0.0)
 
     def for_kernel(self) -> dict[str, Any]:
         """Numbers of the kernel."""
@@ -67,6 +75,7 @@ class Walls:
             "half_x": self.half[0],
             "half_y": self.half[1],
             "strip": self.strip,
+            "length": self.length,
             **dict(zip(names, self.arc, strict=True)),
         }
 
@@ -81,6 +90,8 @@ class Grid:
     walls : what particles touch
     folds : planes of symmetry about which the part solved is folded: 0, 1 (x = 0), 2 (y = 0 too)
     owned : number in the grid of each owned cell of the mesh on this rank
+    open : (facets, 2) cell and facet through which parcels leave, where walls are planes;
+        other facets of the boundary are walls unless they lie in the plane x = 0 of a fold
     """
 
     cell: Cell
@@ -89,6 +100,7 @@ class Grid:
     walls: Walls
     folds: int = 0
     owned: Integers = field(default_factory=lambda: np.empty(0, dtype=np.int32))
+    open: Integers = field(default_factory=lambda: np.empty((0, 2), dtype=np.int32))
     arrays: dict[str, Any] = field(init=False, repr=False)
     kernel: _kernel.Grid = field(init=False, repr=False)
 
@@ -103,6 +115,8 @@ class Grid:
             "curved": curved,
             "seed": seed,
         }
+        if self.walls.kind == "planes":
+            self.arrays |= faces.near(self)
         shape = np.ones(3, dtype=int)
         shape[:dim] = bins
         self.kernel = _kernel.Grid(
@@ -223,7 +237,12 @@ class Gathered:
         start = sum(comm.allgather(cells.size_local)[: comm.rank])
         owned = number[start : start + cells.size_local]
         grid = Grid(
-            cell, nodes, points, Walls.of(mesh.section), FOLDS[mesh.section.symmetry], owned
+            cell,
+            nodes,
+            points,
+            Walls.of(mesh.section, mesh.length, mesh.arc),
+            FOLDS[mesh.section.symmetry],
+            owned,
         )
         # a node is given by the rank of the first cell that has it
         width = nodes.shape[1]

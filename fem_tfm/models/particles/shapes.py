@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.mesh import CellType
 
-from fem_tfm import _kernel
 from fem_tfm.errors import InputError
 
 type Floats = npt.NDArray[np.float64]
@@ -35,6 +34,7 @@ class Cell:
     reference : (nodes, dim) coordinates of the nodes
     origin : reference coordinates of the origin of the map
     powers : exponents of the monomials of the map, the constant left out
+    width : floats of a row of the kernel
     rule : points and weights that measure a cell
     middles : DOLFINx's vertices between which its further nodes lie
     """
@@ -46,6 +46,7 @@ class Cell:
     reference: Floats
     origin: Floats
     powers: tuple[tuple[int, ...], ...]
+    width: int
     rule: Callable[[], tuple[Floats, Floats]]
     middles: tuple[tuple[int, ...], ...] = ()
 
@@ -71,7 +72,7 @@ class Cell:
         c = self.coefficients(nodes)
         jacobian = self.jacobians(c, self.origin)
         inverse = np.linalg.inv(jacobian)
-        rows = np.zeros((len(nodes), _kernel.MAP), dtype=np.float32)
+        rows = np.zeros((len(nodes), self.width), dtype=np.float32)
         high = c[:, 0].astype(np.float32)
         for i in range(self.dim):
             rows[:, 2 * i] = high[:, i]
@@ -81,10 +82,10 @@ class Cell:
         rows[:, at : at + n] = inverse.reshape(-1, n)
         beyond = np.abs(c[:, 1 + self.dim :]).max(axis=(1, 2), initial=0.0)
         curved = beyond > straight * np.abs(jacobian).max(axis=(1, 2))
-        width, start = len(self.powers), COEFFICIENTS[self.dim]
-        step = 8 if self.dim == 2 else width
-        for i in range(self.dim):
-            rows[:, start + i * step : start + i * step + width] = c[:, 1:, i]
+        count, start = len(self.powers), COEFFICIENTS[self.dim]
+        step = 8 if self.dim == 2 else count
+        for i in range(self.dim if curved.any() else 0):
+            rows[:, start + i * step : start + i * step + count] = c[:, 1:, i]
         return np.ascontiguousarray(rows), np.ascontiguousarray(curved.astype(np.uint8))
 
     def sizes(self, nodes: Floats) -> Floats:
@@ -143,6 +144,7 @@ QUADRILATERAL = Cell(
     reference=np.array([[a, b] for b in _LINE for a in _LINE]),
     origin=np.zeros(2),
     powers=((1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (2, 1), (1, 2), (2, 2)),
+    width=24,
     rule=lambda: _gauss(2, 3),
     middles=((0, 1), (0, 2), (1, 3), (2, 3), (0, 1, 2, 3)),
 )
@@ -154,6 +156,7 @@ TRIANGLE = Cell(
     reference=np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0, 0.5], [0.5, 0]]),
     origin=np.zeros(2),
     powers=((1, 0), (0, 1), (1, 1), (2, 0), (0, 2)),
+    width=24,
     rule=_triangle_rule,
     middles=((1, 2), (0, 2), (0, 1)),
 )
@@ -165,6 +168,7 @@ TETRAHEDRON = Cell(
     reference=np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
     origin=np.zeros(3),
     powers=((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+    width=16,
     rule=_tetrahedron_rule,
 )
 HEXAHEDRON = Cell(
@@ -175,6 +179,7 @@ HEXAHEDRON = Cell(
     reference=np.array([[a, b, c] for c in (-1.0, 1.0) for b in (-1, 1) for a in (-1, 1)]),
     origin=np.zeros(3),
     powers=((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 1, 1)),
+    width=48,
     rule=lambda: _gauss(3, 2),
 )
 CELLS = {

@@ -232,7 +232,10 @@ class Tracker:
             "particle_heat_capacity": self.heat_capacity,
             "eddies": steps.eddies,
             "relaxation": steps.relaxation,
-            "cells": steps.per_cell,
+            # impacts on facets are looked for among those beside the cell of a step's middle
+            "cells": max(steps.per_cell, 2.0)
+            if field.grid.walls.kind == "planes"
+            else steps.per_cell,
             "largest": min(largest, 1e6),
             "smallest": steps.smallest,
             "max_steps": steps.max_steps,
