@@ -215,7 +215,7 @@ Grains::Grains() {
 }
 
 Grains::~Grains() {
-    for (double* p : {s.x, s.v, s.force, s.spring, s.record, s.origin, s.spare, s.column, s.shear, s.spill,
+    for (double* p : {s.x, s.v, s.force, s.record, s.origin, s.spare, s.column, s.shear, s.spill,
                       s.kept_shear, s.speed})
         std::free(p);
     for (int* p : {s.cell, s.order, s.first, s.second, s.begin, s.amount, s.pairs, s.reach, s.slab, s.kept,
@@ -224,6 +224,7 @@ Grains::~Grains() {
     for (int t = 0; t < s.threads; ++t) std::free(s.bench[t]);
     std::free(s.bench), std::free(s.id), std::free(s.touching), std::free(s.pressed);
     std::free(s.near_begin), std::free(s.near);
+    for (double* spring : s.spring) std::free(spring);
     delete s.boxes;
 }
 
@@ -232,7 +233,8 @@ void Grains::reserve(int n) {
     const int size = block_count(n + n / 4) * BLOCK;
     const std::size_t now = s.n, then = size + PAD;
     grow(s.x, 4 * now, 4 * then), grow(s.v, 8 * now, 8 * then), grow(s.force, 4 * now, 4 * then);
-    grow(s.spring, 4 * SLOTS * now, 4 * SLOTS * then), grow(s.record, 8 * now, 8 * then);
+    for (double*& spring : s.spring) grow(spring, 4 * now, 4 * then);
+    grow(s.record, 8 * now, 8 * then);
     grow(s.origin, 4 * now, 4 * then), grow(s.id, now, then);
     renew(s.pressed, SLOTS * then);
     renew(s.spare, 12 * then), renew(s.column, 4 * then), renew(s.cell, then), renew(s.order, then);
@@ -290,7 +292,7 @@ void Grains::add(int count, const double* x, const double* v, const double* radi
         for (int d = 0; d < 3; ++d) s.v[8 * i + 4 + d] = 0.0;
         s.v[8 * i + 7] = held[k] ? 0.0 : 1.0 / mass[k];
         std::fill_n(s.force + 4 * i, 4, 0.0);
-        std::fill_n(s.spring + 4 * SLOTS * i, 4 * SLOTS, 0.0);
+        for (double* spring : s.spring) std::fill_n(spring + 4 * i, 4, 0.0);
         std::fill_n(s.record + 8 * i, 8, 0.0);
         s.id[i] = id[k];
         s.largest = std::max(s.largest, radius[k]);
@@ -311,7 +313,7 @@ std::vector<std::int64_t> Grains::remove_beyond(double z) {
         if (!stays) continue;
         std::memmove(s.x + 4 * to, s.x + 4 * i, 32), std::memmove(s.v + 8 * to, s.v + 8 * i, 64);
         std::memmove(s.force + 4 * to, s.force + 4 * i, 32);
-        std::memmove(s.spring + 4 * SLOTS * to, s.spring + 4 * SLOTS * i, 32 * SLOTS);
+        for (double* spring : s.spring) std::memmove(spring + 4 * to, spring + 4 * i, 32);
         std::memmove(s.record + 8 * to, s.record + 8 * i, 64);
         s.id[to++] = s.id[i];
     }
@@ -326,7 +328,8 @@ std::vector<std::int64_t> Grains::remove_beyond(double z) {
     // rows that vector code reads behind the last grain are at rest and have no size
     for (int i = to; i < std::min(s.n, to + PAD); ++i) {
         std::fill_n(s.x + 4 * i, 4, 0.0), std::fill_n(s.v + 8 * i, 8, 0.0);
-        std::fill_n(s.force + 4 * i, 4, 0.0), std::fill_n(s.spring + 4 * SLOTS * i, 4 * SLOTS, 0.0);
+        std::fill_n(s.force + 4 * i, 4, 0.0);
+        for (double* spring : s.spring) std::fill_n(spring + 4 * i, 4, 0.0);
     }
     s.n = to;
     return gone;

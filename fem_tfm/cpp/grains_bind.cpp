@@ -41,6 +41,9 @@ Array<T> view(nb::handle owner, T* data, std::vector<std::size_t> shape) {
     return Array<T>(data, shape.size(), shape.data(), owner);
 }
 
+// springs at walls in a saved state
+constexpr const char* SPRING_NAMES[SLOTS] = {"spring_0", "spring_1", "spring_2"};
+
 Law law_of(const std::vector<double>& c) {
     return {c.at(0), c.at(1), c.at(2), c.at(3), c.at(4), c.at(5), c.at(6)};
 }
@@ -51,7 +54,8 @@ nb::dict save(Grains& g) {
     const std::size_t n = s.n, count = (n + BLOCK - 1) / BLOCK;
     nb::dict d;
     d["place"] = copied(s.x, {n, 4}), d["motion"] = copied(s.v, {n, 8});
-    d["force"] = copied(s.force, {n, 4}), d["spring"] = copied(s.spring, {n, 4 * SLOTS});
+    d["force"] = copied(s.force, {n, 4});
+    for (int k = 0; k < SLOTS; ++k) d[SPRING_NAMES[k]] = copied(s.spring[k], {n, 4});
     d["number"] = copied(s.id, {n}), d["origin"] = copied(s.origin, {n, 4});
     d["counters"] = copied(std::array<std::int64_t, 3>{s.steps, s.rebuilds, s.contacts}.data(), {3});
     d["travelled"] = copied(&s.travelled, {1});
@@ -89,7 +93,8 @@ void load(Grains& g, nb::dict d) {
     fill(d, "sizes", sizes), fill(d, "counters", counters);
     const std::size_t n = nb::cast<Given<std::int64_t>>(d["number"]).size();
     g.resize(int(n), int(sizes[1]), int(sizes[2]));
-    fill(d, "place", s.x), fill(d, "motion", s.v), fill(d, "force", s.force), fill(d, "spring", s.spring);
+    fill(d, "place", s.x), fill(d, "motion", s.v), fill(d, "force", s.force);
+    for (int k = 0; k < SLOTS; ++k) fill(d, SPRING_NAMES[k], s.spring[k]);
     fill(d, "number", s.id), fill(d, "origin", s.origin), fill(d, "travelled", &s.travelled);
     s.steps = counters[0], s.rebuilds = counters[1], s.contacts = counters[2];
     s.fresh = int(sizes[0]), s.kept_count = int(sizes[3]);

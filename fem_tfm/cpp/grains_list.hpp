@@ -75,7 +75,8 @@ inline void sort(State& s, const Cells& c) {
     permute(s.x, s.spare, s.order, n, 4);
     permute(s.v, s.spare, s.order, n, 8);
     permute(s.force, s.spare, s.order, n, 4);
-    if (s.law_kind != VISCOUS) permute(s.spring, s.spare, s.order, n, 4 * SLOTS);
+    for (double* spring : s.spring)
+        if (s.law_kind != VISCOUS) permute(spring, s.spare, s.order, n, 4);
     __builtin_memset(s.pressed, 1, std::size_t(SLOTS) * n);
     permute((double*)s.id, s.spare, s.order, n, 1);
     __builtin_memcpy(s.origin, s.x, std::size_t(32) * n);

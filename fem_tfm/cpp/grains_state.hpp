@@ -60,7 +60,7 @@ struct State {
     double* x;        // (n, 4) place and radius
     double* v;        // (n, 8) velocity, 1/m; radius times spin, 1/m where the grain is free, else 0
     double* force;    // (n, 4) force from outside, kept over steps
-    double* spring;   // (n, SLOTS, 4) tangential springs at walls
+    double* spring[SLOTS];  // (n, 4) tangential springs at walls
     std::uint8_t* pressed;  // (n, SLOTS) whether the springs of W grains from a first one may be loaded
     double* record;   // (n, 8) force of walls, its normal part, force of other grains
     std::int64_t* id;

@@ -216,11 +216,11 @@ template <int KIND, bool ROLL>
 INLINE void press(State& s, int i, int slot, column overlap, column nx, column ny, column nz,
                   const column* v, const column* u, column radius, Held& sum) {
     const unsigned hit = below(column{}, overlap);
-    double* memory = s.spring + std::ptrdiff_t(4) * (SLOTS * i + slot);
+    double* memory = s.spring[slot] + std::ptrdiff_t(4) * i;
     std::uint8_t& pressed = s.pressed[SLOTS * i + slot];
     if (!hit) {
         if (KIND != VISCOUS && pressed)
-            for (int k = 0; k < W; ++k) store_row(memory + 4 * SLOTS * k, row{});
+            for (int k = 0; k < W; ++k) store_row(memory + 4 * k, row{});
         pressed = 0;
         return;
     }
@@ -230,7 +230,7 @@ INLINE void press(State& s, int i, int slot, column overlap, column nx, column n
     column shear[4];
     row h[W];
     if constexpr (KIND != VISCOUS) {
-        for (int k = 0; k < W; ++k) h[k] = load_row(memory + 4 * SLOTS * k);
+        for (int k = 0; k < W; ++k) h[k] = load_row(memory + 4 * k);
         turn(h, shear[0], shear[1], shear[2], shear[3]);
     }
     const Push f = push<KIND>(s.wall, touch, stiff, shear, s.dt);
@@ -238,7 +238,7 @@ INLINE void press(State& s, int i, int slot, column overlap, column nx, column n
     if constexpr (KIND != VISCOUS) {
         for (int k = 0; k < 3; ++k) shear[k] = where(hit, shear[k], none);
         turn_back(shear[0], shear[1], shear[2], none, h);
-        for (int k = 0; k < W; ++k) store_row(memory + 4 * SLOTS * k, h[k]);
+        for (int k = 0; k < W; ++k) store_row(memory + 4 * k, h[k]);
     }
     const column parts[7] = {f.fx, f.fy, f.fz, f.tx, f.ty, f.tz, f.normal};
     for (int k = 0; k < 3; ++k) {

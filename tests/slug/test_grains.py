@@ -42,7 +42,7 @@ def tube(
 
 def same(a: Grains, b: Grains) -> bool:
     one, other = a.state(), b.state()
-    keys = ("place", "motion", "number", "pairs", "shear", "spring")
+    keys = ("place", "motion", "number", "pairs", "shear", "spring_0", "spring_2")
     return all(np.array_equal(one[k], other[k]) for k in keys if k in one or k in other)
 
 

@@ -140,7 +140,7 @@ def test_threads_do_not_change_a_bit() -> None:
     states = []
     for threads in (1, 2):
         made = tube(0.06, full=True, steps=Steps(threads=threads))
-        made.run(0.03)
+        made.run(0.01)
         assert made.grains.count > 512
         states.append(made.state())
     assert all(np.array_equal(states[0][k], states[1][k]) for k in states[0])
