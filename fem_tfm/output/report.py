@@ -29,7 +29,7 @@ from fem_tfm.output.summary import MESH_ERROR, MESH_NOTE, difference, number
 FILE = "report.html"
 CASE, MONITOR, LOG = "case.toml", "monitor.csv", "run.log"
 # pictures in this order, then any other
-PICTURES = ("section.png", "axis.png", "plane.png")
+PICTURES = ("split.png", "section.png", "axis.png", "plane.png")
 # columns of the monitor that only count, and the range from which an axis is logarithmic
 COUNTERS = ("step", "station", "level", "z", "time", "iterations")
 DECADES = 2

@@ -30,6 +30,10 @@ FILE = "result.json"
 QUANTITIES = {
     "pressure_gradient": "Pa/m",
     "pressure_drop": "Pa",
+    "drop_gas_friction": "Pa",
+    "drop_solids_friction": "Pa",
+    "drop_lift": "Pa",
+    "drop_acceleration": "Pa",
     "solids_mass_flow": "kg/s",
     "gas_mass_flow": "kg/s",
     "holdup": "-",

@@ -23,7 +23,7 @@ SMALLEST_STEP, LARGEST_STEP = 1e-5, 1e7
 # what every section leaves, and columns of its monitor.csv
 SECTION_FILES = (
     "result.json", "report.html", "monitor.csv", "run.log", "profiles.csv", "section.png",
-    "fields.xdmf", "fields.h5",
+    "split.png", "fields.xdmf", "fields.h5",
 )  # fmt: skip
 SECTION_COLUMNS = {
     "step": "",

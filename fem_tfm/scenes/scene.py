@@ -26,6 +26,7 @@ from fem_tfm.geometry.shapes import Shape
 from fem_tfm.operation import Feed
 from fem_tfm.output.result import QUANTITIES, Quantity, Result, versions
 from fem_tfm.output.result import Reference as Published
+from fem_tfm.output.split_picture import draw_split
 from fem_tfm.parameters import Parameters, key_of, parameter
 from fem_tfm.progress import Progress
 from fem_tfm.scenes.kinds import KINDS, Kind, check_shape, unread_words
@@ -351,6 +352,7 @@ def _finish(scene: Scene[Any, Any], answer: Answer, recorder: Recorder) -> Resul
     result.balances = dict(answer.balances)
     result.skipped += answer.notes
     recorder.write_files(result)
+    draw_split(result, recorder.out, scene.output.pictures, recorder.comm)
     recorder.save_final()
     recorder.lap("output")
     recorder.write(result)

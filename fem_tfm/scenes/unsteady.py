@@ -35,6 +35,7 @@ from fem_tfm.output.result import Result
 from fem_tfm.parameters import parameter
 from fem_tfm.scenes import dense
 from fem_tfm.scenes.developed import describe
+from fem_tfm.scenes.judged.places import check_places
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.physics import SECTION_FILES, Physics
 from fem_tfm.scenes.recorder import Recorder, Setting
@@ -98,6 +99,7 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
     def __post_init__(self) -> None:
         super().__post_init__()
         entering, solids, start = self.solids_inlet, self.model.solids, self.initial
+        check_places(self.geometry, self.output, start)
         if entering is not None and solids is not None:
             most = max((factor for _, factor in self.feed.solids_schedule), default=1.0)
             if entering[0] * most >= solids.packing_limit:
@@ -384,7 +386,9 @@ class FlowRecorder(Recorder):
         values |= {n: getattr(report, n) for n in ("courant", "max_alpha_s", "max_theta", "max_k")}
         values["mass_error"] = report.mass_error
         found = flow.quantities()
-        values |= {name: found[name] for name in COLUMNS if name in found}
+        # behind the first step the drop is that of an impulse, and no number
+        known = (name for name in COLUMNS if name in found)
+        values |= {name: found[name] for name in known if math.isfinite(found[name])}
         if self.monitor is not None:
             self.monitor.write(values)
         end = self.scene.numerics.end_time
