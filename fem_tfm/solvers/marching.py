@@ -45,6 +45,8 @@ class MarchControl(StepControl):
     growth : largest factor from one step to the next; BDF2 is stable below 1 + sqrt(2)
     easy, hard : Newton iterations at or below which the step may grow, above which it shrinks
     tolerance : relative update at which a station counts as solved
+    max_iterations, first_iterations : Newton iterations of a station, and of the first one, where
+        what enters meets the wall
     order : 1 for backward Euler, 2 for BDF2
     refusals : how often a station that is no answer is tried again with a smaller step
     max_stations : stations before giving up
@@ -57,6 +59,7 @@ class MarchControl(StepControl):
     hard: int = 5
     tolerance: float = 1e-10
     max_iterations: int = 8
+    first_iterations: int = 30
     order: int = 2
     refusals: int = 2
     max_stations: int = 10000
@@ -174,21 +177,22 @@ class March:
         for weight, value in zip(self.weights, backward_weights(step, before), strict=True):
             weight.value = value
         guess = self._predict(step / place.last if place.last else 0.0)
-        iterations, update = self._newton()
+        most = control.first_iterations if place.last is None else control.max_iterations
+        iterations, update = self._newton(most)
         if reason := self.check():
             raise _Refused(reason)
         return Stop(place, iterations, update, self._bend(guess))
 
-    def _newton(self) -> tuple[int, float]:
+    def _newton(self, most: int) -> tuple[int, float]:
         control, rest = self.control, math.inf
-        for iteration in range(1, control.max_iterations + 1):
+        for iteration in range(1, most + 1):
             update = self.newton.step()
             rest = update.rest
             if update.length == 1.0 and rest > control.tolerance and rest < 1:
                 rest = self.newton.polish(control.tolerance, rest)[1]
             if update.length == 1.0 and rest <= control.tolerance:
                 return iteration, rest
-        raise LinearSolveError(f"no convergence in {control.max_iterations} Newton iterations")
+        raise LinearSolveError(f"no convergence in {most} Newton iterations")
 
     def _predict(self, ratio: float) -> np.ndarray:
         """Put the unknowns on the line through the last two stations and return them."""
