@@ -15,7 +15,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from fem_tfm.closures.ops import Value, maximum, minimum
+import numpy as np
+
+from fem_tfm.closures.ops import Value, is_expr, maximum, minimum
 from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.models.pointwise import Pointwise
 
@@ -24,6 +26,8 @@ ITERATIONS, RISE = 6, 1e-3
 # u_w lies between this share of the velocity at the centre and all of it; Theta_w falls by at most
 # the second factor in an iteration
 LEAST_SLIP, LEAST_SHARE = 1e-4, 0.1
+# relative change of arrays that counts as none
+STILL = 1e-14
 # stands for no viscosity and no conduction
 NOTHING = 1e-300
 
@@ -47,29 +51,38 @@ def at_wall(
     def heat(theta: Value, slip: Value) -> Value:
         return point.solids_wall_heat(replace(centre, theta=theta, slip=slip))
 
-    def slid(theta: Value, slip: Value, slope: Value) -> Value:
+    def stiffening(theta: Value, slip: Value) -> tuple[Value, Value]:
+        """Traction, and its growth with u_w of a law that grows."""
+        pull = traction(theta, slip)
+        rise = traction(theta, (1 + RISE) * slip) - pull
+        return pull, maximum(rise / (RISE * slip), 0.0)
+
+    def slid(pull: Value, slip: Value, stiff: Value) -> Value:
         """u_w after a step of Newton's method."""
-        found = stiffness * centre.slip - traction(theta, slip) + slope * slip
-        found = found / (stiffness + slope)
+        found = (stiffness * centre.slip - pull + stiff * slip) / (stiffness + stiff)
         return minimum(maximum(found, LEAST_SLIP * centre.slip), centre.slip)
 
-    def stiffening(theta: Value, slip: Value) -> Value:
-        """Growth of the traction with u_w, of a law that grows."""
-        rise = traction(theta, (1 + RISE) * slip) - traction(theta, slip)
-        return maximum(rise / (RISE * slip), 0.0)
-
     for _ in range(ITERATIONS):
-        stiff, before = stiffening(theta, slip), slip
-        slip = slid(theta, before, stiff)
-        if conductance is None:
-            continue
-        later, given = (1 + RISE) * theta, heat(theta, slip)
-        slope = (heat(later, slid(later, before, stiff)) - given) / (RISE * theta)
-        slope = minimum(slope, 0.0)
-        hot = conductance * centre.theta + given - slope * theta
-        hot = hot / (conductance - slope + NOTHING)
-        # sliding cannot heat the grains by more than it has
-        theta = maximum(minimum(hot, centre.theta + centre.slip**2), LEAST_SHARE * theta)
-    slip = slid(theta, slip, stiffening(theta, slip))
+        (pull, stiff), before = stiffening(theta, slip), slip
+        slip, kept = slid(pull, before, stiff), theta
+        if conductance is not None:
+            later, given = (1 + RISE) * theta, heat(theta, slip)
+            risen = heat(later, slid(traction(later, before), before, stiff))
+            slope = minimum((risen - given) / (RISE * theta), 0.0)
+            hot = conductance * centre.theta + given - slope * theta
+            hot = hot / (conductance - slope + NOTHING)
+            # sliding cannot heat the grains by more than it has
+            theta = maximum(minimum(hot, centre.theta + centre.slip**2), LEAST_SHARE * theta)
+        if _still(slip, before) and _still(theta, kept):
+            break
+    pull, stiff = stiffening(theta, slip)
+    slip = slid(pull, slip, stiff)
     friction = traction(theta, slip) / slip
     return stiffness * friction / (friction + stiffness), heat(theta, slip)
+
+
+def _still(now: Value, before: Value) -> bool:
+    """Whether nothing has changed; an expression never tells."""
+    if is_expr(now, before):
+        return False
+    return bool((np.abs(now - before) <= STILL * before).all())

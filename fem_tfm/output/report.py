@@ -94,6 +94,7 @@ def page(directory: Path) -> str:
     title = (result.title if result else tomllib.loads(case).get("title")) or directory.name
     parts = [f"<h1>{escape(title)}</h1>", *_head(result)]
     if result is not None:
+        parts += section("Warnings", items(result.warnings))
         parts += section("Quantities", _quantities(result.quantities))
         parts += section("Balances", _balances(result))
     for path in _pictures(directory):

@@ -24,6 +24,7 @@ from fem_tfm.output.result import Result
 from fem_tfm.parameters import parameter
 from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas
+from fem_tfm.scenes.judged.finer import finer_mesh, trusted
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.physics import LARGEST_STEP, SectionPhysics
 from fem_tfm.scenes.recorder import Recorder, Setting
@@ -99,9 +100,11 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
                 previous.close()
             start, meshes = "cold", physics.meshes(recorder.comm)
             restart = recorder.restart() if recorder.resume else None
+            beyond = restart[0] + 1 - len(meshes) if restart else 0
+            meshes += [finer_mesh(physics, recorder.comm, n + 1) for n in range(beyond)]
             solution = nested.solve(meshes, setup, *limits, recorder, scheme, restart)
             spent += recorder.factorisations
-        found = recorder.take(solution)
+        found = trusted(self, solution, limits, recorder)
         told = {name: found[name] for name in ANSWERED if name in found}
         state = Kept(self, solution)
         return Answer(
@@ -298,9 +301,18 @@ class SectionRecorder(Recorder, Observer):
         """Factorisations on all meshes that were begun, those of a mesh that failed too."""
         return sum(section.newton.factorisations for section in self.begun)
 
-    def take(self, solution: nested.Solution) -> dict[str, Any]:
-        """The solution whose finest section is written; what the answer is made of."""
-        self.section, self.level = solution.section, len(self.physics.meshes(self.comm)) - 1
+    def tell(self, text: str) -> None:
+        """A line of progress and of the log."""
+        self.progress.line(text)
+        self.log(text)
+
+    def take(self, solution: nested.Solution, finer: int = 0) -> dict[str, Any]:
+        """The solution whose finest section is written; what the answer is made of.
+
+        finer : meshes beyond those of the scene
+        """
+        meshes = len(self.physics.meshes(self.comm)) + finer
+        self.section, self.level = solution.section, meshes - 1
         self.told = found = self.physics.told(solution)
         return found
 

@@ -29,6 +29,7 @@ from fem_tfm.output.result import Reference as Published
 from fem_tfm.output.split_picture import draw_split
 from fem_tfm.parameters import Parameters, key_of, parameter
 from fem_tfm.progress import Progress
+from fem_tfm.scenes.judged.answer import judge
 from fem_tfm.scenes.kinds import KINDS, Kind, check_shape, unread_words
 from fem_tfm.scenes.physics import Physics
 from fem_tfm.scenes.recorder import Recorder, Setting, prepare, results_directory
@@ -346,7 +347,12 @@ def _drive[R: Recorder](
 def _finish(scene: Scene[Any, Any], answer: Answer, recorder: Recorder) -> Result:
     """Quantities with their errors, balances and files of an answer."""
     recorder.lap("solve")
+    warnings = judge(scene, answer)
+    for sentence in warnings:
+        recorder.progress.warn(sentence)
+        recorder.log(f"warning: {sentence}")
     result = _result(scene, answer.status, recorder)
+    result.warnings += warnings
     errors = dict.fromkeys(answer.quantities) | dict(answer.errors)
     result.quantities = with_references(scene, answer.quantities, errors, answer.references)
     result.balances = dict(answer.balances)
@@ -385,6 +391,7 @@ def _result(scene: Scene[Any, Any], status: str, recorder: Recorder, reason: str
         ranks=recorder.comm.size,
         seconds=recorder.seconds,
         skipped=scene.skipped(),
+        warnings=scene.advice(),
         inferred=list(scene.inferred),
         versions=versions(),
         reason=reason,
