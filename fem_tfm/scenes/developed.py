@@ -25,6 +25,7 @@ from fem_tfm.parameters import parameter
 from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas
 from fem_tfm.scenes.judged.finer import finer_mesh, trusted
+from fem_tfm.scenes.judged.plausible import derived
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.physics import LARGEST_STEP, SectionPhysics
 from fem_tfm.scenes.recorder import Recorder, Setting
@@ -45,9 +46,17 @@ class SectionScene[P: SectionPhysics, R: Recorder](Scene[P, R]):
         """Names of what a run may leave in its directory."""
         return self.physics.files
 
+    def numbers(self) -> list[str]:
+        """Numbers that follow from the scene, in words."""
+        return [*map(str, derived(self))] if isinstance(self.model, TwoFluid) else []
+
     def advice(self) -> list[str]:
         """What the user probably did not mean, one sentence each."""
         return self.physics.advice()
+
+    def examine(self) -> None:
+        """Refuse what cannot be solved, without solving it; raises InputError."""
+        self.physics.examine()
 
     def mesh_model(self) -> GmshModel:
         """The mesh as Gmsh makes it."""
@@ -154,6 +163,7 @@ def describe(scene: Scene[Any, Any], solved: str, given: str) -> dict[str, Any]:
         "skipped": scene.skipped(),
         "wall_distance": f"{1e3 * scene.wall_offset:.3g} mm",
         "inferred": list(scene.inferred) or "nothing",
+        "numbers": scene.numbers(),
         "warnings": scene.advice() or "none",
     }
 

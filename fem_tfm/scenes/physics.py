@@ -142,6 +142,10 @@ class SectionPhysics(Physics, ABC):
         """What enters a line, in words."""
 
     @abstractmethod
+    def examine(self) -> None:
+        """Refuse what cannot be solved, without solving it; raises InputError."""
+
+    @abstractmethod
     def size(self) -> tuple[int, int]:
         """Cells of the finest mesh, and about how many unknowns."""
 

@@ -210,6 +210,13 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
     def advice(self) -> list[str]:
         """What the user probably did not mean, one sentence each."""
 
+    def numbers(self) -> list[str]:
+        """Numbers that follow from the scene, in words."""
+        return []
+
+    def examine(self) -> None:
+        """Refuse what cannot be solved, without solving it; raises InputError."""
+
     def mesh_model(self) -> GmshModel:
         """The mesh as Gmsh makes it (the finest, where there are several).
 
@@ -261,6 +268,7 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
 
         Raises InputError and SolverError as `run` does.
         """
+        self.examine()
         if setting.out is not None:
             prepare(self, setting, overwrite)
         recorder = self.recorder(setting)

@@ -35,7 +35,9 @@ from fem_tfm.output.result import Result
 from fem_tfm.parameters import parameter
 from fem_tfm.scenes import dense
 from fem_tfm.scenes.developed import describe
+from fem_tfm.scenes.judged.memory import check_memory, section_cells
 from fem_tfm.scenes.judged.places import check_places
+from fem_tfm.scenes.judged.plausible import check_flux, derived
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.physics import SECTION_FILES, Physics
 from fem_tfm.scenes.recorder import Recorder, Setting
@@ -56,6 +58,8 @@ MOST_ITERATIONS = {
 UNKNOWNS, GAS_UNKNOWNS = 9, 4
 # measured at 6,000 and 9,600 cells: memory [MB] and CPU time of a cell and step [s]
 BASE_MEMORY, CELL_MEMORY, CELL_TIME, SCALE_TIME = 220, 0.014, 8e-6, 0.6e-6
+# cells that a triangle of the section becomes in a layer
+TETRAHEDRA = 3
 FILES = (*SECTION_FILES, "probes.csv", "sections.csv", "plane.png")
 
 
@@ -259,6 +263,18 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
     def advice(self) -> list[str]:
         """What the user probably did not mean, one sentence each."""
         return dense.advice(self)
+
+    def numbers(self) -> list[str]:
+        """Numbers that follow from the scene, in words."""
+        return [*map(str, derived(self))]
+
+    def examine(self) -> None:
+        """Refuse what cannot be solved, without solving it; raises InputError."""
+        check_flux(self)
+        shape, section, resolution = self.physics.line
+        cells = section_cells(section, resolution) * axial_layers(shape, section, resolution)
+        cells *= TETRAHEDRA if resolution.cell_shape == "triangle" else 1
+        check_memory(BASE_MEMORY + CELL_MEMORY * cells, self.resolution)
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
