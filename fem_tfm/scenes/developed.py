@@ -305,6 +305,7 @@ class SectionRecorder(Recorder, Observer):
         warning = ", ".join(f"{n} {values[n]:.4g}" for n in self.physics.warned if n in values)
         self.progress.update(self._fraction(row["dt"]), warning)
         self.log(f"step {self.steps}: dt {row['dt']:.3g} s, {warning}")
+        self.check_time()
 
     @property
     def factorisations(self) -> int:

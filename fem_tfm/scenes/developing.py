@@ -323,6 +323,7 @@ class LineRecorder(Recorder):
         self.progress.update(self._fraction(place.z), message)
         self.log(f"station {len(line.rows) - 1}: step {place.last:.3g} m, {message}")
         self._keep(line)
+        self.check_time()
 
     def retry(self, step: float, reason: str) -> None:
         """A line of the log for a step taken back."""

@@ -17,7 +17,8 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from mpi4py import MPI
 
-from fem_tfm.errors import InputError, SolverError
+from fem_tfm.errors import InputError, SolverError, TimeIsUp
+from fem_tfm.fenics import check_cache
 from fem_tfm.geometry.gmsh import GmshModel
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.resolution import Resolution
@@ -269,6 +270,7 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
         Raises InputError and SolverError as `run` does.
         """
         self.examine()
+        check_cache(setting.comm)
         if setting.out is not None:
             prepare(self, setting, overwrite)
         recorder = self.recorder(setting)
@@ -342,14 +344,21 @@ def _drive[R: Recorder](
         return _finish(scene, answer, recorder), answer
     except SolverError as stop:
         _keep(scene, recorder, "failed", str(stop))
-        out = recorder.out
-        hint = f"; its last state is in {out} (fields.xdmf, --resume)" if out is not None else ""
-        raise SolverError(f"{stop}{hint}") from stop
+        raise SolverError(f"{stop}{_whereabouts(recorder)}") from stop
+    except TimeIsUp as stop:
+        _keep(scene, recorder, "interrupted", str(stop))
+        raise SolverError(f"{stop}{_whereabouts(recorder)}") from stop
     except KeyboardInterrupt:
         _keep(scene, recorder, "interrupted", "interrupted by the user")
         raise
     finally:
         recorder.close()
+
+
+def _whereabouts(recorder: Recorder) -> str:
+    """Where an unfinished run has left its last state, in words."""
+    out = recorder.out
+    return f"; its last state is in {out} (fields.xdmf, --resume)" if out is not None else ""
 
 
 def _finish(scene: Scene[Any, Any], answer: Answer, recorder: Recorder) -> Result:

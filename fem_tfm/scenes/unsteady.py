@@ -422,6 +422,8 @@ class FlowRecorder(Recorder):
             self._keep_fields()
         if is_due(stepping.time, self.scene.output.checkpoint_interval or self.scene.interval, end):
             self.save()
+        if not stepping.done:
+            self.check_time()
 
     def save(self) -> None:
         """Write the checkpoint."""

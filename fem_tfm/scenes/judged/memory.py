@@ -15,7 +15,7 @@ from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.section import Section
 
 # cells finer than this, over the hydraulic diameter, are counted on a mesh of this size
-COUNTED = 0.1
+COUNTED = 0.02
 
 
 def section_cells(section: Section, resolution: Resolution) -> float:
