@@ -124,8 +124,10 @@ def run(options: argparse.Namespace) -> None:
 
 
 def check(options: argparse.Namespace) -> None:
-    """Tell what would be solved, and what it would take."""
-    _say(*_listing(_load(options).scene.describe()))
+    """Tell what would be solved, what follows from the case, and what it would take."""
+    scene = _load(options).scene
+    scene.examine()
+    _say(*_listing(scene.describe()))
 
 
 def mesh(options: argparse.Namespace) -> None:

@@ -60,6 +60,40 @@ def friction_velocity(speed: float, width: float, viscosity: float) -> float:
     return speed * math.sqrt(smooth_friction(speed * width / viscosity) / 8)
 
 
+def terminal_velocity(gas: Gas, solids: Solids, gravity: float) -> float:
+    """Velocity at which one grain falls through the gas [m/s].
+
+    Drag of Schiller and Naumann (1935), Z. Ver. Dtsch. Ing. 77, 318-320, with 0.44 from Re 1000 on.
+    """
+    d, excess = solids.diameter, abs(solids.density - gas.density)
+    weight = 4 / 3 * excess / gas.density * gravity * d
+
+    def surplus(speed: float) -> float:
+        reynolds = gas.density * speed * d / gas.viscosity
+        drag = 24 / reynolds * (1 + 0.15 * reynolds**0.687) if reynolds < 1000 else 0.44
+        return drag * speed**2 - weight
+
+    return brentq(surplus, 1e-12, 1e5) if weight > 0 else 0.0
+
+
+def rizk_velocity(
+    mass_flow: float, diameter: float, gas: Gas, solids: Solids, gravity: float
+) -> float:
+    """Gas velocity at which grains begin to settle in a level line [m/s].
+
+        M_s/(rho_g A U) = 10^-delta (U/sqrt(g D))^chi,  delta = 1440 d + 1.96, chi = 1100 d + 2.5
+
+    mass_flow : of the solids [kg/s]
+    diameter : of the pipe D [m]
+
+    Made for grains of 0.1 to 2 mm. Source: Rizk (1973), dissertation, University of Karlsruhe.
+    """
+    delta, chi = 1440 * solids.diameter + 1.96, 1100 * solids.diameter + 2.5
+    area = math.pi / 4 * diameter**2
+    wanted = mass_flow / (gas.density * area) * 10**delta * (gravity * diameter) ** (chi / 2)
+    return float(wanted ** (1 / (chi + 1)))
+
+
 # the power law ends short of the wall, over half the hydraulic diameter
 NEAREST = 0.01
 

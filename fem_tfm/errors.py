@@ -38,6 +38,13 @@ class SolverError(FemTfmError, RuntimeError):
     """The solver gave up; the last good state is kept. The command line ends with status 3."""
 
 
+class TimeIsUp(FemTfmError, RuntimeError):
+    """A run has used the time that it was given; its last state is kept.
+
+    It is no SolverError, which tells that another way may be tried.
+    """
+
+
 def nearest(name: object, valid: Iterable[str]) -> str | None:
     """Return the valid name that looks most like `name`; None if none is near or it is no text."""
     if not isinstance(name, str):

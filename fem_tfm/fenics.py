@@ -12,6 +12,7 @@ import os
 import shlex
 import subprocess
 import sysconfig
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +32,7 @@ from ufl.algorithms.map_integrands import map_integrands
 from ufl.corealg.map_dag import map_expr_dag
 from ufl.corealg.multifunction import MultiFunction
 
-from fem_tfm.errors import SolverError
+from fem_tfm.errors import InputError, SolverError
 
 # measured on the dense section: -O1 compiles in 2/3 of the time of -O2 and runs as fast; Python's
 # own flags bring -g, which takes 87 % of the C compiler's time unless -g0 follows; a second run
@@ -103,6 +104,25 @@ def compile_forms(forms: Sequence[Any]) -> list[fem.Form]:
         return [fem.form(form, jit_options=JIT_OPTIONS) for form in forms]
     except TimeoutError as error:
         raise SolverError(f"a form could not be compiled: {error}") from error
+
+
+def check_cache(comm: Any) -> None:
+    """Refuse a place for compiled forms that cannot be written (collective).
+
+    Raises InputError on all ranks.
+    """
+    failure: InputError | None = None
+    if comm.rank == 0:
+        place = Path(jit.get_options(JIT_OPTIONS)["cache_dir"])
+        try:
+            place.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=place):
+                pass
+        except OSError as error:
+            words = f"a directory for compiled forms that can be written ({error.strerror})"
+            failure = InputError("XDG_CACHE_HOME", str(place), words)
+    if failure := comm.bcast(failure):
+        raise failure
 
 
 def compile_form(form: Any) -> fem.Form:

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import fem_tfm.scenes  # noqa: F401  (the scenes register themselves)
-from fem_tfm.case.edit import change, each_once, give_way, parse_override, read
+from fem_tfm.case.edit import change, drop_references, each_once, give_way, parse_override, read
 from fem_tfm.scenes.kinds import known_keys
 from fem_tfm.scenes.reading import scene_from, tables_of
 from fem_tfm.scenes.recorder import case_text
@@ -36,9 +36,13 @@ class Case:
 
     @classmethod
     def load(cls, path: str | Path, overrides: Iterable[str] = ()) -> Case:
-        """Read a TOML file; `overrides` are texts "key=value" as given to --set."""
+        """Read a TOML file; `overrides` are texts "key=value" as given to --set.
+
+        Published values of the file are dropped where an override makes the flow another one.
+        """
         values = read(Path(path))
         changes = each_once("--set", map(parse_override, overrides))
+        drop_references(values, changes)
         give_way(values, changes)
         for key, value in changes.items():
             change(values, key, value)
@@ -50,8 +54,12 @@ class Case:
         return cls(**values)
 
     def with_values(self, changes: Mapping[str, Any]) -> Case:
-        """Return a case with dotted keys changed; None takes a key back to its default."""
+        """Return a case with dotted keys changed; None takes a key back to its default.
+
+        References go where the flow becomes another one.
+        """
         values = self.given
+        drop_references(values, changes)
         give_way(values, changes)
         for key, value in changes.items():
             change(values, key, value)

@@ -21,6 +21,24 @@ INSTEAD: dict[str, dict[str, tuple[str, ...]]] = {
 }
 
 
+# tables of the flow itself: what is published of it belongs to their values alone
+OF_THE_FLOW = ("geometry", "gas", "solids", "operation", "inlet", "initial", "heat")
+
+
+def drop_references(values: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Take back the published values where a change makes the flow another one."""
+    if "reference" in changes or "reference" not in values:
+        return
+    for key, value in changes.items():
+        table, *names = key.split(".")
+        held: Any = values.get(table)
+        for name in names:
+            held = held.get(name) if isinstance(held, Mapping) else None
+        if table in OF_THE_FLOW and held != value:
+            del values["reference"]
+            return
+
+
 def parse_override(text: str) -> tuple[str, Any]:
     """Split "key=value"; the value is read as TOML, or else taken as a string."""
     key, equals, value = text.partition("=")

@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from fem_tfm.errors import FemTfmError
+
 
 @contextmanager
 def replaced(path: str | Path) -> Iterator[Path]:
@@ -37,15 +39,19 @@ def write_text(path: str | Path, text: str) -> None:
 def on_root(comm: Any, action: Callable[[], object]) -> None:
     """Run `action` on rank 0; if it fails there, every rank raises (collective).
 
-    Without it a full disk would stop rank 0 only, and the others would wait for ever.
+    Without it a full disk would stop rank 0 only, and the others would wait for ever. An error that
+    is raised on purpose is the same on all ranks.
     """
-    error = None
+    error: Exception | None = None
     if comm.rank == 0:
         try:
             action()
         except Exception as caught:
             error = caught
-    message = comm.bcast(None if error is None else repr(error), root=0)
+    told = error if isinstance(error, FemTfmError) else None
+    told, message = comm.bcast((told, None if error is None else repr(error)), root=0)
+    if told is not None:
+        raise told
     if error is not None:
         raise error
     if message is not None:

@@ -194,6 +194,10 @@ def section_picture(
 AXIS_PANELS = (
     (("pressure",), "pressure above the outlet's"),
     (("pressure_gradient",), "pressure gradient"),
+    (
+        ("drop_gas_friction", "drop_solids_friction", "drop_lift", "drop_acceleration"),
+        "drop from the inlet on",
+    ),
     (("holdup", "max_solids_fraction", "bed_fraction"), "solids"),
     (("bed_height",), "bed height"),
     (("gas_velocity", "solids_velocity", "max_gas_velocity"), "axial velocity"),

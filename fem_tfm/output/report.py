@@ -29,7 +29,7 @@ from fem_tfm.output.summary import MESH_ERROR, difference, error_notes, number
 FILE = "report.html"
 CASE, MONITOR, LOG = "case.toml", "monitor.csv", "run.log"
 # pictures in this order, then any other
-PICTURES = ("section.png", "axis.png", "plane.png")
+PICTURES = ("split.png", "section.png", "axis.png", "plane.png")
 # columns of the monitor that only count, and the range from which an axis is logarithmic
 COUNTERS = ("step", "station", "level", "z", "time", "iterations")
 DECADES = 2
@@ -94,6 +94,7 @@ def page(directory: Path) -> str:
     title = (result.title if result else tomllib.loads(case).get("title")) or directory.name
     parts = [f"<h1>{escape(title)}</h1>", *_head(result)]
     if result is not None:
+        parts += section("Warnings", items(result.warnings))
         parts += section("Quantities", _quantities(result))
         parts += section("Balances", _balances(result))
     for path in _pictures(directory):

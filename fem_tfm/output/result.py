@@ -31,6 +31,10 @@ FILE = "result.json"
 QUANTITIES = {
     "pressure_gradient": "Pa/m",
     "pressure_drop": "Pa",
+    "drop_gas_friction": "Pa",
+    "drop_solids_friction": "Pa",
+    "drop_lift": "Pa",
+    "drop_acceleration": "Pa",
     "solids_mass_flow": "kg/s",
     "gas_mass_flow": "kg/s",
     "holdup": "-",
@@ -145,6 +149,7 @@ class Result:
     skipped : what the scene did not need, and why
     inferred : inputs that the source does not print
     versions : of the programs used
+    warnings : what was probably not meant, and what the answer does not hold for
     reason : why it failed or stopped
     directory : where its files are; not written
     sections : arrays for scripts, such as profiles by name; not written
@@ -173,6 +178,7 @@ class Result:
     skipped: list[str] = field(default_factory=list)
     inferred: list[str] = field(default_factory=list)
     versions: dict[str, str] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
     reason: str = ""
     directory: Path | None = None
     sections: dict[str, Any] = field(default_factory=dict, repr=False)

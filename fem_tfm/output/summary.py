@@ -37,6 +37,8 @@ def print_summary(result: Result, console: Console | None = None) -> None:
         console.print(Text(note, style="dim"), width=width)
     if result.balances:
         console.print(_balances(result), width=width)
+    for warning in result.warnings:
+        console.print(Text(f"warning   {warning}", style="yellow"), width=width)
     for head, lines in (("skipped", result.skipped), ("inferred", result.inferred)):
         if lines:
             console.print(_listing(head, lines), width=width)

@@ -21,6 +21,8 @@ from fem_tfm.output.files import on_root
 from fem_tfm.output.pictures import SectionView, section_picture, vertical_profile
 from fem_tfm.output.profiles import write_profiles
 from fem_tfm.output.result import Result
+from fem_tfm.scenes.judged.memory import check_memory, section_cells
+from fem_tfm.scenes.judged.plausible import check_flux, doubts
 from fem_tfm.scenes.physics import (
     SECTION_COLUMNS,
     SECTION_FILES,
@@ -195,9 +197,19 @@ class Dense(SectionPhysics):
     def size(self) -> tuple[int, int]:
         """Cells of the finest mesh, and about how many unknowns."""
         cells = self.meshes()[-1]().num_cells
+        return cells, self.unknowns(cells)
+
+    def examine(self) -> None:
+        """Refuse a feed that cannot be, and a mesh beyond the machine; raises InputError."""
+        check_flux(self.scene)
+        unknowns = self.unknowns(section_cells(self.section, self.resolution))
+        check_memory(self.cost(unknowns)["memory"], self.scene.resolution)
+
+    def unknowns(self, cells: float) -> int:
+        """About how many unknowns a mesh has."""
         per_cell = UNKNOWNS_PER_CELL if self.scene.model.solids else GAS_UNKNOWNS_PER_CELL
         scales = len(self.scene.model.scales) * UNKNOWNS_PER_SCALE
-        return cells, round(cells * (per_cell + scales))
+        return round(cells * (per_cell + scales))
 
     def cost(self, unknowns: int) -> dict[str, float]:
         """About the memory [MB] and the CPU time [s] of solving and of compiling the forms."""
@@ -327,7 +339,7 @@ def advice(scene: Any) -> list[str]:
             "a turbulent gas with walls.gas = 'no-slip' needs cells of a few viscous lengths at the"
             " wall; 'low-reynolds' makes them and 'log-law' does without"
         )
-    return said
+    return said + doubts(scene)
 
 
 def write_section(scene: Any, section: TwoFluidSection, result: Result, out: Path | None) -> None:

@@ -24,6 +24,8 @@ from fem_tfm.output.result import Result
 from fem_tfm.parameters import parameter
 from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas
+from fem_tfm.scenes.judged.finer import finer_mesh, trusted
+from fem_tfm.scenes.judged.plausible import derived
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles import words as cloud_words
 from fem_tfm.scenes.particles.tracking import carrier_of, follow
@@ -46,9 +48,17 @@ class SectionScene[P: SectionPhysics, R: Recorder](Scene[P, R]):
         """Names of what a run may leave in its directory."""
         return self.physics.files
 
+    def numbers(self) -> list[str]:
+        """Numbers that follow from the scene, in words."""
+        return [*map(str, derived(self))] if isinstance(self.model, TwoFluid) else []
+
     def advice(self) -> list[str]:
         """What the user probably did not mean, one sentence each."""
         return self.physics.advice()
+
+    def examine(self) -> None:
+        """Refuse what cannot be solved, without solving it; raises InputError."""
+        self.physics.examine()
 
     def mesh_model(self) -> GmshModel:
         """The mesh as Gmsh makes it."""
@@ -101,9 +111,11 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
                 previous.close()
             start, meshes = "cold", physics.meshes(recorder.comm)
             restart = recorder.restart() if recorder.resume else None
+            beyond = restart[0] + 1 - len(meshes) if restart else 0
+            meshes += [finer_mesh(physics, recorder.comm, n + 1) for n in range(beyond)]
             solution = nested.solve(meshes, setup, *limits, recorder, scheme, restart)
             spent += recorder.factorisations
-        found = recorder.take(solution)
+        found = trusted(self, solution, limits, recorder)
         if self.particles is not None:
             follow(self, carrier_of(self, solution.section), recorder)
         told = {name: found[name] for name in ANSWERED if name in found}
@@ -161,6 +173,7 @@ def describe(scene: Scene[Any, Any], solved: str, given: str) -> dict[str, Any]:
         "skipped": scene.left_out(),
         "wall_distance": f"{1e3 * scene.wall_offset:.3g} mm",
         "inferred": list(scene.inferred) or "nothing",
+        "numbers": scene.numbers(),
         "warnings": scene.warnings() or "none",
     }
 
@@ -302,15 +315,25 @@ class SectionRecorder(Recorder, Observer):
         warning = ", ".join(f"{n} {values[n]:.4g}" for n in self.physics.warned if n in values)
         self.progress.update(self._fraction(row["dt"]), warning)
         self.log(f"step {self.steps}: dt {row['dt']:.3g} s, {warning}")
+        self.check_time()
 
     @property
     def factorisations(self) -> int:
         """Factorisations on all meshes that were begun, those of a mesh that failed too."""
         return sum(section.newton.factorisations for section in self.begun)
 
-    def take(self, solution: nested.Solution) -> dict[str, Any]:
-        """The solution whose finest section is written; what the answer is made of."""
-        self.section, self.level = solution.section, len(self.physics.meshes(self.comm)) - 1
+    def tell(self, text: str) -> None:
+        """A line of progress and of the log."""
+        self.progress.line(text)
+        self.log(text)
+
+    def take(self, solution: nested.Solution, finer: int = 0) -> dict[str, Any]:
+        """The solution whose finest section is written; what the answer is made of.
+
+        finer : meshes beyond those of the scene
+        """
+        meshes = len(self.physics.meshes(self.comm)) + finer
+        self.section, self.level = solution.section, meshes - 1
         self.told = found = self.physics.told(solution)
         return found
 

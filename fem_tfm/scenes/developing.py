@@ -349,6 +349,7 @@ class LineRecorder(Recorder):
             changed = f"by {stop.change:.1e} in the last of {stop.passes} passes"
             self.log(f"accepted though what particles give to the flow still changed {changed}")
         self._keep(line)
+        self.check_time()
 
     def retry(self, step: float, reason: str) -> None:
         """A line of the log for a step taken back."""

@@ -31,6 +31,7 @@ from fem_tfm.output.files import on_root
 from fem_tfm.output.pictures import SectionView
 from fem_tfm.output.profiles import write_profiles
 from fem_tfm.output.result import Reference, Result
+from fem_tfm.scenes.judged.memory import check_memory, section_cells
 from fem_tfm.scenes.physics import (
     SECTION_COLUMNS,
     SECTION_FILES,
@@ -178,8 +179,18 @@ class DuctGas(SectionPhysics):
 
     def size(self) -> tuple[int, int]:
         """Cells of the finest mesh, and about how many unknowns."""
-        cells, transported = self.meshes()[-1]().num_cells, self.scene.model.stress.transported
-        return cells, round(cells * (UNKNOWNS_PER_CELL if transported else EDDY_UNKNOWNS_PER_CELL))
+        cells = self.meshes()[-1]().num_cells
+        return cells, self.unknowns(cells)
+
+    def examine(self) -> None:
+        """Refuse a mesh beyond the machine; raises InputError."""
+        unknowns = self.unknowns(section_cells(self.section, self.resolution))
+        check_memory(self.cost(unknowns)["memory"], self.scene.resolution)
+
+    def unknowns(self, cells: float) -> int:
+        """About how many unknowns a mesh has."""
+        transported = self.scene.model.stress.transported
+        return round(cells * (UNKNOWNS_PER_CELL if transported else EDDY_UNKNOWNS_PER_CELL))
 
     def cost(self, unknowns: int) -> dict[str, float]:
         """About the memory [MB] and the CPU time [s] of solving and of compiling the forms."""

@@ -23,7 +23,7 @@ SMALLEST_STEP, LARGEST_STEP = 1e-5, 1e7
 # what every section leaves, and columns of its monitor.csv
 SECTION_FILES = (
     "result.json", "report.html", "monitor.csv", "run.log", "profiles.csv", "section.png",
-    "fields.xdmf", "fields.h5",
+    "split.png", "fields.xdmf", "fields.h5",
 )  # fmt: skip
 SECTION_COLUMNS = {
     "step": "",
@@ -140,6 +140,10 @@ class SectionPhysics(Physics, ABC):
     @abstractmethod
     def entering(self) -> str:
         """What enters a line, in words."""
+
+    @abstractmethod
+    def examine(self) -> None:
+        """Refuse what cannot be solved, without solving it; raises InputError."""
 
     @abstractmethod
     def size(self) -> tuple[int, int]:

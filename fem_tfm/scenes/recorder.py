@@ -14,9 +14,9 @@ from typing import Any, TextIO
 import tomli_w
 from mpi4py import MPI
 
-from fem_tfm.errors import InputError
+from fem_tfm.errors import InputError, TimeIsUp
 from fem_tfm.geometry.section import RectangularSection
-from fem_tfm.output import checkpoint
+from fem_tfm.output import checkpoint, lock
 from fem_tfm.output import tracked as of_particles
 from fem_tfm.output.files import on_root, write_text
 from fem_tfm.output.particle_pictures import deposition_picture, particle_picture
@@ -33,6 +33,7 @@ FREE_TO_CHANGE = (
     "output",
     "numerics.max_steps",
     "numerics.end_time",
+    "numerics.time_limit",
 )
 
 
@@ -89,6 +90,15 @@ class Recorder:
             self._file.write(f"{time.perf_counter() - self._began:9.2f} s  {text}\n")
             self._file.flush()
 
+    def check_time(self) -> None:
+        """End a run that has used its time (collective); raises TimeIsUp."""
+        limit = self.scene.numerics.time_limit
+        if limit is None:
+            return
+        spent = self.comm.bcast(time.perf_counter() - self._began)
+        if spent > limit:
+            raise TimeIsUp(f"numerics.time_limit = {limit:g} s is over")
+
     def lap(self, stage: str) -> None:
         """Book the time since the last call under a stage."""
         now = time.perf_counter()
@@ -117,6 +127,8 @@ class Recorder:
         for file in (self.monitor, self._file):
             if file is not None:
                 file.close()
+        if self.out is not None and self.comm.rank == 0:
+            lock.release(self.out)
 
     def write(self, result: Result) -> None:
         """Put what the run has cost so far into its result, and write that."""
@@ -153,11 +165,17 @@ def prepare(scene: Any, setting: Setting, overwrite: bool) -> None:
         check_resumable(text, out)
 
     def make() -> None:
-        out.mkdir(parents=True, exist_ok=True)
-        if overwrite:
-            for name in (checkpoint.FILE, checkpoint.BEFORE, *scene.files, *of_particles.FILES):
-                (out / name).unlink(missing_ok=True)
-        write_text(out / "case.toml", text)
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            if not lock.hold(out):
+                raise InputError("--out", str(out), "a directory in which no other run is at work")
+            if overwrite:
+                own = (checkpoint.FILE, checkpoint.BEFORE, *scene.files)
+                for name in (*own, *of_particles.FILES):
+                    (out / name).unlink(missing_ok=True)
+            write_text(out / "case.toml", text)
+        except OSError as error:
+            raise _unwritable(out, error) from error
 
     on_root(setting.comm, make)
 
@@ -215,6 +233,11 @@ def results_directory(
     return found
 
 
+def _unwritable(path: Path, error: OSError) -> InputError:
+    """What is told of a place that cannot be written."""
+    return InputError("--out", str(path), f"a directory that can be written ({error.strerror})")
+
+
 def _free_directory(out: str | Path | None, overwrite: bool, resume: bool) -> Path | None:
     if overwrite and resume:
         raise InputError("--resume", True, "either --resume or --overwrite")
@@ -223,7 +246,11 @@ def _free_directory(out: str | Path | None, overwrite: bool, resume: bool) -> Pa
             raise InputError("--resume", True, "--out with the directory of the run to resume")
         return None
     path = Path(out)
-    ancestor = next(p for p in (path, *path.absolute().parents) if p.exists())
+    try:
+        ancestor = next(p for p in (path, *path.absolute().parents) if p.exists())
+    except OSError as error:
+        # such as a name that is too long
+        raise _unwritable(path, error) from error
     if not (ancestor.is_dir() and os.access(ancestor, os.W_OK)):
         raise InputError("--out", str(out), f"a directory that can be written, unlike {ancestor}")
     filled = path.is_dir() and any(path.iterdir())

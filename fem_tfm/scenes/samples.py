@@ -29,6 +29,8 @@ UNITS = {
 }
 # grid of the picture, moments kept for it and drawn
 ROWS, COLUMNS, MOMENTS, SHOWN = 40, 240, 40, 6
+# a place this close to a face between layers, over a layer, lies behind it
+ROUNDING = 1e-9
 MEANS = {
     "holdup": "-",
     "max_solids_fraction": "-",
@@ -84,6 +86,9 @@ def _suffixes(value: npt.NDArray[Any]) -> tuple[str, ...]:
 class Sections:
     """Means over the layers of cells that hold given places along a line.
 
+    A layer stands for its length, but the pressure is that at the place: it changes within a layer
+    by as much as from one to the next.
+
     Parameters
     ----------
     mesh : made of layers of equal length along the axis
@@ -105,8 +110,15 @@ class Sections:
         self.comm, self.places = mesh.mesh.comm, tuple(places)
         straight = mesh.straightened(centre)
         number = np.floor(straight[:, 2] / mesh.length * layers)
-        wanted = [min(int(place / mesh.length * layers), layers - 1) for place in self.places]
+        at = np.array(self.places) / mesh.length * layers
+        wanted = np.clip(np.floor(at + ROUNDING), 0, layers - 1)
         self._cells = [np.flatnonzero(number == layer) for layer in wanted]
+        # the layer on the other side of the place, and its share
+        beside = np.where((at > wanted + 0.5) & (wanted < layers - 1), wanted + 1, wanted - 1)
+        beside = np.where(beside < 0, min(1, layers - 1), beside)
+        self._beside = [np.flatnonzero(number == layer) for layer in beside]
+        apart = np.where(beside == wanted, 1.0, beside - wanted)
+        self._share = np.where(beside == wanted, 0.0, (at - wanted - 0.5) / apart)
         self._volume = volume
         self._axis = mesh.axis(centre)
 
@@ -126,14 +138,20 @@ class Sections:
         if "u_s" in values:
             flux["solids_superficial_velocity"] = alpha * self._along(values["u_s"])
         rows = []
-        for place, cells in zip(self.places, self._cells, strict=True):
-            volume = self._volume[cells]
-            whole = self.comm.allreduce(volume.sum())
-            row = {"place": place}
-            row |= {n: self.comm.allreduce(volume @ v[cells]) / whole for n, v in flux.items()}
+        parts = zip(self.places, self._cells, self._beside, self._share, strict=True)
+        for place, cells, beside, share in parts:
+            row = {"place": place} | {n: self._mean(v, cells) for n, v in flux.items()}
+            other = self._mean(flux["pressure"], beside)
+            row["pressure"] += share * (other - row["pressure"])
             most = self.comm.allreduce(alpha[cells].max(initial=0.0), MPI.MAX)
             rows.append(row | {"max_solids_fraction": most})
         return rows
+
+    def _mean(self, values: npt.NDArray[np.float64], cells: npt.NDArray[Any]) -> float:
+        """Mean over cells of all ranks (collective)."""
+        volume = self._volume[cells]
+        whole = self.comm.allreduce(volume.sum())
+        return float(self.comm.allreduce(volume @ values[cells]) / whole)
 
     def _along(self, velocity: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         along: npt.NDArray[np.float64] = np.einsum("ni,ni->n", velocity, self._axis)

@@ -18,7 +18,8 @@ import numpy as np
 from mpi4py import MPI
 
 from fem_tfm.cloud import Cloud
-from fem_tfm.errors import InputError, SolverError
+from fem_tfm.errors import InputError, SolverError, TimeIsUp
+from fem_tfm.fenics import check_cache
 from fem_tfm.geometry.gmsh import GmshModel
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.resolution import Resolution
@@ -27,8 +28,10 @@ from fem_tfm.geometry.shapes import Shape
 from fem_tfm.operation import Feed
 from fem_tfm.output.result import Quantity, Result, unit_of, versions
 from fem_tfm.output.result import Reference as Published
+from fem_tfm.output.split_picture import draw_split
 from fem_tfm.parameters import Parameters, key_of, parameter
 from fem_tfm.progress import Progress
+from fem_tfm.scenes.judged.answer import judge
 from fem_tfm.scenes.kinds import KINDS, Kind, check_shape, unread_words
 from fem_tfm.scenes.particles import words as cloud_words
 from fem_tfm.scenes.physics import Physics
@@ -227,6 +230,13 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
         """`skipped`, and what the particles are followed without."""
         return self.skipped() + (cloud_words.skipped(self) if self.particles is not None else [])
 
+    def numbers(self) -> list[str]:
+        """Numbers that follow from the scene, in words."""
+        return []
+
+    def examine(self) -> None:
+        """Refuse what cannot be solved, without solving it; raises InputError."""
+
     def mesh_model(self) -> GmshModel:
         """The mesh as Gmsh makes it (the finest, where there are several).
 
@@ -278,6 +288,8 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
 
         Raises InputError and SolverError as `run` does.
         """
+        self.examine()
+        check_cache(setting.comm)
         if setting.out is not None:
             prepare(self, setting, overwrite)
         recorder = self.recorder(setting)
@@ -351,9 +363,10 @@ def _drive[R: Recorder](
         return _finish(scene, answer, recorder), answer
     except SolverError as stop:
         _keep(scene, recorder, "failed", str(stop))
-        out = recorder.out
-        hint = f"; its last state is in {out} (fields.xdmf, --resume)" if out is not None else ""
-        raise SolverError(f"{stop}{hint}") from stop
+        raise SolverError(f"{stop}{_whereabouts(recorder)}") from stop
+    except TimeIsUp as stop:
+        _keep(scene, recorder, "interrupted", str(stop))
+        raise SolverError(f"{stop}{_whereabouts(recorder)}") from stop
     except KeyboardInterrupt:
         _keep(scene, recorder, "interrupted", "interrupted by the user")
         raise
@@ -361,10 +374,21 @@ def _drive[R: Recorder](
         recorder.close()
 
 
+def _whereabouts(recorder: Recorder) -> str:
+    """Where an unfinished run has left its last state, in words."""
+    out = recorder.out
+    return f"; its last state is in {out} (fields.xdmf, --resume)" if out is not None else ""
+
+
 def _finish(scene: Scene[Any, Any], answer: Answer, recorder: Recorder) -> Result:
     """Quantities with their errors, balances and files of an answer."""
     recorder.lap("solve")
+    warnings = judge(scene, answer)
+    for sentence in warnings:
+        recorder.progress.warn(sentence)
+        recorder.log(f"warning: {sentence}")
     result = _result(scene, answer.status, recorder)
+    result.warnings += warnings
     told, known = dict(answer.quantities), dict(answer.errors)
     if (tracked := recorder.tracked) is not None:
         told |= tracked.quantities()
@@ -374,6 +398,7 @@ def _finish(scene: Scene[Any, Any], answer: Answer, recorder: Recorder) -> Resul
     result.balances = dict(answer.balances)
     result.skipped += answer.notes
     recorder.write_all(result)
+    draw_split(result, recorder.out, scene.output.pictures, recorder.comm)
     recorder.save_final()
     recorder.lap("output")
     recorder.write(result)
@@ -406,6 +431,7 @@ def _result(scene: Scene[Any, Any], status: str, recorder: Recorder, reason: str
         ranks=recorder.comm.size,
         seconds=recorder.seconds,
         skipped=scene.left_out(),
+        warnings=scene.warnings(),
         inferred=list(scene.inferred),
         versions=versions(),
         reason=reason,

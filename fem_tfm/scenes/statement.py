@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import MISSING, dataclass
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from fem_tfm.errors import InputError, nearest
 from fem_tfm.output.result import PER_MATERIAL, QUANTITIES, unit_of
@@ -64,6 +64,11 @@ class Reference(Parameters):
             raise InputError("reference.source", self.source, "a text (where it is published)")
 
 
+def _time_limit() -> Any:
+    doc = "wall time after which a run ends with its last state kept, default none"
+    return parameter(None, "s", doc, gt=0, le=1e9)
+
+
 @dataclass(frozen=True)
 class SteadyNumerics(Parameters):
     """How strictly a steady section is solved."""
@@ -71,6 +76,7 @@ class SteadyNumerics(Parameters):
     tolerance: float = parameter(1e-9, "-", "largest update that counts as steady", gt=0, lt=1)
     max_steps: int = parameter(200, doc="largest number of pseudo-time steps", ge=1, le=1000000)
     quadrature_degree: int = parameter(5, doc="degree of the quadrature", ge=1, le=20)
+    time_limit: float | None = _time_limit()
     table: ClassVar[str] = "numerics"
 
 
@@ -86,6 +92,7 @@ class MarchNumerics(Parameters):
     axial_accuracy: float = parameter(
         0.03, "-", "how far a station may lie off the line through the two before it", gt=0, le=1
     )
+    time_limit: float | None = _time_limit()
     table: ClassVar[str] = "numerics"
 
 
@@ -112,6 +119,7 @@ class TimeNumerics(Parameters):
     smallest_time_step: float = parameter(
         1e-9, "s", "smallest step in time; the run ends below it", gt=0, le=1
     )
+    time_limit: float | None = _time_limit()
     table: ClassVar[str] = "numerics"
 
     def __post_init__(self) -> None:

@@ -36,6 +36,9 @@ from fem_tfm.output.result import Result
 from fem_tfm.parameters import parameter
 from fem_tfm.scenes import dense
 from fem_tfm.scenes.developed import describe
+from fem_tfm.scenes.judged.memory import check_memory, section_cells
+from fem_tfm.scenes.judged.places import check_places
+from fem_tfm.scenes.judged.plausible import check_flux, derived
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles.line import follow_line
 from fem_tfm.scenes.physics import SECTION_FILES, Physics
@@ -57,6 +60,8 @@ MOST_ITERATIONS = {
 UNKNOWNS, GAS_UNKNOWNS = 9, 4
 # measured at 6,000 and 9,600 cells: memory [MB] and CPU time of a cell and step [s]
 BASE_MEMORY, CELL_MEMORY, CELL_TIME, SCALE_TIME = 220, 0.014, 8e-6, 0.6e-6
+# cells that a triangle of the section becomes in a layer
+TETRAHEDRA = 3
 FILES = (*SECTION_FILES, "probes.csv", "sections.csv", "plane.png")
 
 
@@ -100,6 +105,7 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
     def __post_init__(self) -> None:
         super().__post_init__()
         entering, solids, start = self.solids_inlet, self.model.solids, self.initial
+        check_places(self.geometry, self.output, start)
         if entering is not None and solids is not None:
             most = max((factor for _, factor in self.feed.solids_schedule), default=1.0)
             if entering[0] * most >= solids.packing_limit:
@@ -262,6 +268,18 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
         """What the user probably did not mean, one sentence each."""
         return dense.advice(self)
 
+    def numbers(self) -> list[str]:
+        """Numbers that follow from the scene, in words."""
+        return [*map(str, derived(self))]
+
+    def examine(self) -> None:
+        """Refuse what cannot be solved, without solving it; raises InputError."""
+        check_flux(self)
+        shape, section, resolution = self.physics.line
+        cells = section_cells(section, resolution) * axial_layers(shape, section, resolution)
+        cells *= TETRAHEDRA if resolution.cell_shape == "triangle" else 1
+        check_memory(BASE_MEMORY + CELL_MEMORY * cells, self.resolution)
+
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
         physics = self.physics
@@ -388,7 +406,9 @@ class FlowRecorder(Recorder):
         values |= {n: getattr(report, n) for n in ("courant", "max_alpha_s", "max_theta", "max_k")}
         values["mass_error"] = report.mass_error
         found = flow.quantities()
-        values |= {name: found[name] for name in COLUMNS if name in found}
+        # behind the first step the drop is that of an impulse, and no number
+        known = (name for name in COLUMNS if name in found)
+        values |= {name: found[name] for name in known if math.isfinite(found[name])}
         if self.monitor is not None:
             self.monitor.write(values)
         end = self.scene.numerics.end_time
@@ -406,6 +426,8 @@ class FlowRecorder(Recorder):
             self._keep_fields()
         if is_due(stepping.time, self.scene.output.checkpoint_interval or self.scene.interval, end):
             self.save()
+        if not stepping.done:
+            self.check_time()
 
     def save(self) -> None:
         """Write the checkpoint."""

@@ -51,6 +51,8 @@ class MarchControl(StepControl):
     growth : largest factor from one step to the next; BDF2 is stable below 1 + sqrt(2)
     easy, hard : Newton iterations at or below which the step may grow, above which it shrinks
     tolerance : relative update at which a station counts as solved
+    max_iterations, first_iterations : Newton iterations of a station, and of the first one, where
+        what enters meets the wall
     order : 1 for backward Euler, 2 for BDF2
     exchange : relative change of what a coupled march exchanges at which its passes end
     passes : most passes over a slab; the last one counts, however much it changed
@@ -65,6 +67,7 @@ class MarchControl(StepControl):
     hard: int = 5
     tolerance: float = 1e-10
     max_iterations: int = 8
+    first_iterations: int = 30
     order: int = 2
     exchange: float = 1e-3
     passes: int = 8
@@ -219,45 +222,47 @@ class March:
         guess = self._predict(step / place.last if place.last else 0.0)
         if self.coupler:
             self.coupler.begin(place.z, z)
-        stop = self._station(place)
+        most = control.first_iterations if place.last is None else control.max_iterations
+        stop = self._station(place, most)
         if reason := self.check():
             raise _Refused(reason)
         return replace(stop, bend=self._bend(guess))
 
-    def _station(self, place: Place) -> Stop:
+    def _station(self, place: Place, limit: int) -> Stop:
         """Newton, and with a coupler passes over the slab until what is exchanged hardly changes.
 
         The system has the last word, so that it fulfils its balances with what it was told last.
         """
         control, coupler = self.control, self.coupler
         if coupler is None:
-            return Stop(place, *self._newton(control.tolerance), bend=math.nan)
+            return Stop(place, *self._newton(limit, control.tolerance), bend=math.nan)
         most, passes, change = 0, 0, math.inf
         tolerance = max(control.tolerance, BEFORE * control.exchange)
-        iterations, update = self._newton(tolerance)
+        iterations, update = self._newton(limit, tolerance)
         while change > control.exchange and passes < control.passes:
             change, passes, most = coupler.trace(), passes + 1, max(most, iterations)
             if change <= control.exchange or passes == control.passes:
                 tolerance = control.tolerance
-            iterations, update = self._newton(tolerance, polish=True)
+            iterations, update = self._newton(limit, tolerance, polish=True)
         return Stop(place, max(most, iterations), update, math.nan, passes, change)
 
-    def _newton(self, tolerance: float, polish: bool = False) -> tuple[int, float]:
+    def _newton(self, most: int, tolerance: float, polish: bool = False) -> tuple[int, float]:
         """Iterations, and the last update.
 
+        most : iterations before it fails
         polish : try the last factorisation first, for little has changed since
         """
-        control, rest = self.control, math.inf
+        rest = math.inf
         if polish and (rest := self.newton.polish(tolerance)[1]) <= tolerance:
             return 0, rest
-        for iteration in range(1, control.max_iterations + 1):
+        for iteration in range(1, most + 1):
             update = self.newton.step()
             rest = update.rest
             if update.length == 1.0 and rest > tolerance and rest < 1:
                 rest = self.newton.polish(tolerance, rest)[1]
             if update.length == 1.0 and rest <= tolerance:
                 return iteration, rest
-        raise LinearSolveError(f"no convergence in {control.max_iterations} Newton iterations")
+        raise LinearSolveError(f"no convergence in {most} Newton iterations")
 
     def _predict(self, ratio: float) -> np.ndarray:
         """Put the unknowns on the line through the last two stations and return them."""

@@ -240,6 +240,32 @@ def solve(
     return solution
 
 
+def refine(
+    solution: Solution,
+    mesh: Callable[[], Any],
+    setup: Any,
+    tolerance: float,
+    max_steps: int,
+    observer: Observer,
+    scheme: Scheme,
+) -> None:
+    """Solve on one more mesh, from the answer on the finest one, and add it to the solution.
+
+    Raises
+    ------
+    SolverError
+        when the mesh does not reach its steady state.
+    """
+    began, count = time.perf_counter(), len(solution.levels)
+    section = scheme.section(mesh(), setup, observer.compiling)
+    compiled, cpu = time.perf_counter() - began, time.process_time()
+    observer.begin(section, count, count + 1)
+    control = scheme.control(section, tolerance, max_steps)
+    history = solve_level(section, control, solution.section, observer, scheme)
+    cpu = time.process_time() - cpu
+    solution.levels.append(Level(section, history, float(section.drive.value), compiled, cpu))
+
+
 def resolve(
     solution: Solution,
     setup: Any,

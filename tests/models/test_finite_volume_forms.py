@@ -33,6 +33,7 @@ from fem_tfm.models.finite_volume.specification.coefficients import (
     solids_coefficients,
     solids_pressure,
     solids_wall,
+    wall_centre,
 )
 from fem_tfm.models.finite_volume.specification.data import (
     density_fields,
@@ -234,7 +235,8 @@ def test_equation_of_the_granular_temperature_is_that_of_the_form(recorded: Reco
     sink, gain = temperature_sources(
         energy, density, start.alpha, old.theta, start.theta, levels.span, more
     )
-    heat = solids_wall(on, point, moved.alpha, old.theta, laws, old.u_s)[1]
+    eddies = 0.0 if step.turbulence is None else step.turbulence.nu_s
+    heat = wall_of(recorded, moved.alpha, old.theta, laws, old.u_s, eddies)[1]
     falls, comes = wall_heat(on, old.theta, heat, x, w)
     flux = 1.5 * density * moved.flux
     form = transport(on, x, w, flux, laws.kinetic.conductivity, sink, on.constant(1.0)) + falls
@@ -243,6 +245,21 @@ def test_equation_of_the_granular_temperature_is_that_of_the_form(recorded: Reco
     ) ** 2
     side = on.assembled(transport_source(on, w, flux, gain, entering) + comes)
     assert_systems(recorded, "temperature", form, side)
+
+
+def wall_of(
+    recorded: RecordedStep, alpha: Any, theta: Any, laws: Any, u: Any, nu_s: Any
+) -> tuple[Any, Any]:
+    """Friction and heat of the wall on the solids, in UFL of values of cells."""
+    on, point = recorded.on, recorded.point
+    a, theta = (np.maximum(on.cell_values(alpha), 0), on.cell(on.cell_values(theta)))
+    viscosity = on.cell_values(laws.viscosity) + a * point.solids.density * nu_s
+    conductivity = on.cell(on.cell_values(laws.kinetic.conductivity))
+    known = SimpleNamespace(g0=on.cell(on.cell_values(laws.g0)), p_f=laws.p_f)
+    if not isinstance(laws.p_f, float):
+        known.p_f = on.cell(on.cell_values(laws.p_f))
+    centre = wall_centre(on, point, on.cell(a), theta, known, u)
+    return solids_wall(on, point, centre, on.cell(viscosity), conductivity)
 
 
 def assert_systems(
@@ -484,7 +501,7 @@ def test_coefficients_of_the_solids_are_those_of_the_laws_in_ufl(recorded: Recor
     eddies = np.maximum(step.state.alpha, 0) * point.solids.density * nu_s
     assert_close(on.cell_values(laws.viscosity) + eddies, solids.viscosity)
     assert_close(on.cell_values(laws.kinetic.bulk_viscosity), solids.bulk_viscosity)
-    friction = solids_wall(on, point, at.alpha, at.theta, laws, at.u_s)[0]
+    friction = wall_of(recorded, at.alpha, at.theta, laws, at.u_s, nu_s)[0]
     wall = recorded.line.wall
     found = on.values(Face(0, friction), "wall") * cells.face_area
     assert_close(found[wall], solids.wall_friction)

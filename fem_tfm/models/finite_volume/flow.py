@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
@@ -42,6 +43,8 @@ from fem_tfm.models.finite_volume.time_levels import (
     Step,
     TimeLevels,
 )
+from fem_tfm.models.finite_volume.told.pressure_level import PressureLevel
+from fem_tfm.models.finite_volume.told.split import DropSplit
 from fem_tfm.models.finite_volume.turbulence import Turbulence
 from fem_tfm.models.pointwise import Invariants
 
@@ -62,6 +65,7 @@ class UnsteadyFlow:
     fraction, temperature, momentum, pressure : equations of a step; the first two only with solids
     turbulence : its equations, None where the gas has an algebraic law alone
     ideal_gas : the gas where its density follows the pressure, else None
+    level, split : pressure with the weight of the gas, and the parts of its drop
     now, previous : present state, and what a step of second order needs of the one before it
     """
 
@@ -95,6 +99,9 @@ class UnsteadyFlow:
             hydrostatic_density = self.ideal_gas.hydrostatic_density
         self.momentum = Momentum(line, laws, scheme, problem.gravity, hydrostatic_density)
         self.pressure = PressureProjection(line, laws, problem.compressible)
+        self.level = PressureLevel(line, problem.gravity, hydrostatic_density)
+        self.split = DropSplit(line, problem.gravity)
+        self._wall_friction: dict[str, Array] = {}
 
     def initialise(self, alpha: Any = 0.0, theta: float | None = None, p: Any = 0.0) -> None:
         """Put both phases at rest, at time zero.
@@ -120,6 +127,7 @@ class UnsteadyFlow:
         )
         self.previous: PreviousStep | None = None
         self.time, self.steps = 0.0, 0
+        self._wall_friction = {}
         self._count_masses()
 
     def set_velocities(self, u_s: Array, u_g: Array) -> None:
@@ -205,6 +213,7 @@ class UnsteadyFlow:
             state = replace(step.state, scales=scales)
             step = step.after("turbulence", iterations, state=state)
         phases = self.momentum.phases(step)
+        self._wall_friction = {phase.name: phase.wall_friction for phase in phases}
         face_forces, accelerations = self.momentum.forces(step, phases)
         velocities, iterations = self.momentum.solve(step, phases, accelerations)
         step = step.after("momentum", iterations)
@@ -390,12 +399,12 @@ class UnsteadyFlow:
     def quantities(self) -> dict[str, float]:
         """Quantities of the whole line, in SI units (collective).
 
-        Mass flows are those through the outlet, the pressure drop the one from the inlet's cells.
+        Mass flows are those through the outlet. The pressure drop is the one from the faces of the
+        inlet to those of the outlet, with the weight of the gas. Behind the first step it is not a
+        number: the pressure there holds the impulse that puts the flow at rest into motion.
         """
         cells, now, own = self.cells, self.now, slice(0, self.cells.owned)
-        entry, size = cells.first[self.line.inlet], cells.face_area[self.line.inlet]
-        area = max(cells.total(size), 1e-300)
-        drop = cells.total(now.p[entry] * size) / area
+        drop = math.nan if self.steps == 1 else self.level.drop(now.p)
         factor = self.mesh.section.area_factor
         leaving = cells.to_faces(now.alpha)[self.line.outlet] * now.solids_flux[self.line.outlet]
         gas = now.total_flux[self.line.outlet] - leaving
@@ -406,6 +415,7 @@ class UnsteadyFlow:
         found = {
             "pressure_gradient": drop / self.mesh.length,
             "pressure_drop": drop,
+            **self._parts(drop),
             "gas_mass_flow": factor * self.gas.density * cells.total(gas),
         }
         if self.solids is None:
@@ -415,6 +425,18 @@ class UnsteadyFlow:
             "holdup": cells.total(now.alpha[own] * self.line.volume) / room,
             "max_solids_fraction": cells.largest(now.alpha[own]),
         }
+
+    def _parts(self, drop: float) -> dict[str, float]:
+        """Parts of the pressure drop [Pa]; none before a step has found the forces of the wall."""
+        if self.steps < 2 or not self._wall_friction:
+            return {}
+        own, now = self.line.own, self.now
+        density = self.gas.density * (1 - now.alpha[own])
+        if self.ideal_gas is not None:
+            density = density * self.ideal_gas.relative(now.p)[own]
+        if self.solids is not None:
+            density = density + self.solids.density * now.alpha[own]
+        return self.split.parts(now, self._wall_friction, density, drop)
 
     def state(self) -> dict[str, Array]:
         """Everything that the next step needs for the same result, bit for bit.
@@ -468,13 +490,17 @@ class UnsteadyFlow:
             found["scales"] = {name: cells.ghosted(given[name]) for name in scales}
             self.previous = PreviousStep(float(state["before_dt"]), **found)
         self.time, self.steps = float(state["time"]), int(state["steps"])
+        self._wall_friction = {}
         masses = {f.name: float(state[f"mass_{f.name}"]) for f in fields(Masses)}
         self.masses = Masses(**masses)
         self.pressure.renew()
 
     def fields(self) -> dict[str, fem.Function]:
-        """Fields of the cells for output; the functions are made once."""
-        arrays = {"u_g": self.now.u_g, "pressure": self.now.p}
+        """Fields of the cells for output; the functions are made once.
+
+        The pressure is the one above the mean at the outlet, with the weight of the gas.
+        """
+        arrays = {"u_g": self.now.u_g, "pressure": self.level.of_cells(self.now.p)}
         if self.solids is not None:
             arrays = {"alpha_s": self.now.alpha, "u_s": self.now.u_s, **arrays}
             arrays["theta"] = self.now.theta

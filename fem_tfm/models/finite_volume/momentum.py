@@ -35,6 +35,7 @@ from fem_tfm.models.finite_volume.state import (
 )
 from fem_tfm.models.finite_volume.time_levels import Step, TimeLevels
 from fem_tfm.models.pointwise import Invariants, Pointwise, SolidsCoefficients, tangential
+from fem_tfm.models.solids_wall import at_wall
 
 # residual that ends the linear solver, over U in every cell
 SMALL_VELOCITY = 1e-9
@@ -201,14 +202,19 @@ class Momentum:
     def _wall_friction_of_solids(
         self, step: Step, coefficients: SolidsCoefficients, viscosity: Array
     ) -> Array:
-        """Tangential force over velocity on the wall's faces [kg/s]."""
+        """Tangential force over the velocity of the cells on the wall's faces [kg/s]."""
         laws, line, state = self.laws, self.line, step.state
         edge, wall = line.cells.first[line.wall], line.wall
         if laws.closures.solids_wall.strong:
             return viscosity[edge] * line.cells.face_weight[wall]
         alpha, slip = np.maximum(state.alpha, 0.0), tangential(state.u_s[edge], line.normal[wall])
-        at_wall = laws.wall_state(alpha, state.theta, coefficients, slip, edge)
-        return laws.solids_wall_friction(at_wall) * line.cells.face_area[wall]
+        centre = laws.wall_state(alpha, state.theta, coefficients, slip, edge)
+        near = line.inverse_distance[wall]
+        conductance = None
+        if laws.closures.theta != "algebraic":
+            conductance = coefficients.kinetic.conductivity[edge] * near
+        friction, _ = at_wall(laws, centre, viscosity[edge] * near, conductance)
+        return friction * line.cells.face_area[wall]
 
     def _gas(self, step: Step, face_fraction: Array) -> Phase:
         """Coefficients of the gas."""

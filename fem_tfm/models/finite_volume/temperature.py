@@ -18,6 +18,7 @@ from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.state import LONELY_FRACTION, SMALLEST_FRACTION
 from fem_tfm.models.finite_volume.time_levels import Step
 from fem_tfm.models.pointwise import Pointwise, SolidsCoefficients, tangential
+from fem_tfm.models.solids_wall import at_wall
 
 
 class GranularTemperature:
@@ -108,8 +109,15 @@ class GranularTemperature:
         edge = cells.first[line.wall]
         slip = tangential(state.u_s[edge], line.normal[line.wall])
         alpha = np.maximum(step.solids.alpha, 0.0)
-        wall = laws.wall_state(alpha, state.theta, coefficients, slip, edge)
-        heat = laws.solids_wall_heat(wall) * cells.face_area[line.wall]
+        centre = laws.wall_state(alpha, state.theta, coefficients, slip, edge)
+        viscosity = coefficients.viscosity[edge]
+        if step.turbulence is not None:
+            eddies = alpha * laws.solids.density * step.turbulence.nu_s
+            viscosity = viscosity + eddies[edge]
+        near = line.inverse_distance[line.wall]
+        conductance = coefficients.kinetic.conductivity[edge] * near
+        heat = at_wall(laws, centre, viscosity * near, conductance)[1]
+        heat = heat * cells.face_area[line.wall]
         cells.add_boundary("wall", rhs, np.maximum(heat, 0.0))
         cells.add_boundary("wall", diagonal, np.maximum(-heat, 0.0) / state.theta[edge])
 

@@ -197,6 +197,27 @@ class TwoFluidForms:
         along = self.axis.change(lambda s: getattr(s, phase), state)
         return self.axis.jacobian(getattr(state, phase)) + ufl.outer(along, AXIAL)
 
+    def strain(self, state: State, phase: str) -> Expr:
+        """S of the viscous stress of a phase, without the axial change of what flows across [1/s].
+
+        A march differentiates no stress along the axis. With half of the terms that hold d/dz it
+        is ill-posed: mu d/dx (du_x/dz) in the axial balance and -2/3 mu d/dx (du_z/dz) across feed
+        each other, and waves shorter than about 5 mu/(a rho u) grow downstream. In dilute solids
+        these are as long as the pipe is wide. One of the two is left out, as in any boundary layer.
+        """
+        along = self.axis.change(lambda s: getattr(s, phase)[2], state)
+        rate = self.axis.jacobian(getattr(state, phase)) + along * ufl.outer(AXIAL, AXIAL)
+        return deviatoric_strain(rate)
+
+    def shear(self, state: State, phase: str) -> Invariants:
+        """Gradients of a phase within the section, which feed its fluctuations.
+
+        No stress along the axis takes work from the momentum of a march, so what changes there must
+        not feed eddies and grains: over a step dz it would do so by the square of a change over dz,
+        without bound as dz falls.
+        """
+        return Invariants(self.axis.jacobian(getattr(state, phase)))
+
     def solid(self, state: State) -> Solid:
         """The solids at a state."""
         alpha, theta = self.alpha(state), self.theta(state)
@@ -207,7 +228,7 @@ class TwoFluidForms:
             alpha=alpha,
             theta=theta,
             rate=rate,
-            strain=deviatoric_strain(rate),
+            strain=self.strain(state, "u_s"),
             dilation=dilation,
             square=square,
         )
@@ -234,8 +255,7 @@ class TwoFluidForms:
     def eddies(self, state: State) -> Eddies:
         """What the gas's law of turbulence sees, in the coordinates of the stretched profile."""
         scales = () if state.ln_k is None else (ufl.exp(state.ln_k), ufl.exp(state.ln_eps))
-        rate = Invariants(self.rate(state, "u_g"))
-        return self.at_point.eddies(rate, *self.stretch(), *scales)
+        return self.at_point.eddies(self.shear(state, "u_g"), *self.stretch(), *scales)
 
     def gas_eddies(self, state: State) -> GasEddies:
         """Gas turbulence as the grains meet it."""
@@ -251,7 +271,7 @@ class TwoFluidForms:
         if state.ln_k_s is not None:
             scales = ufl.exp(state.ln_k_s), ufl.exp(state.ln_eps_s)
             distance = self.domain.wall_distance
-            eddies = self.at_point.eddies(Invariants(solid.rate), distance, 1.0, *scales)
+            eddies = self.at_point.eddies(self.shear(state, "u_s"), distance, 1.0, *scales)
         return self.at_point.grains(
             solid.alpha,
             solid.theta,
@@ -340,7 +360,7 @@ class TwoFluidForms:
         if self.solids is not None:
             flux = flux - self.numerical_flux(now)
             mu += rho * self.grid_viscosity(now.u_g)
-        stress = 2 * a * mu * deviatoric_strain(self.rate(now, "u_g"))
+        stress = 2 * a * mu * self.strain(now, "u_g")
         stress -= self.eddy_pressure(now.ln_k, now) * rho * a * ufl.Identity(3)
         along = self.axis.change(lambda s: (1 - self.alpha(s)) * s.u_g[2] * s.u_g, now)
         form = (
@@ -397,12 +417,13 @@ class TwoFluidForms:
     def energy(self, state: State, solid: Solid) -> GranularEnergy:
         """Sources of the granular energy."""
         beta = self.drag(state)
-        return self.at_point.granular_energy(solid, solid.theta, solid.square, solid.dilation, beta)
+        square = self.shear(state, "u_s").square
+        return self.at_point.granular_energy(solid, solid.theta, square, solid.dilation, beta)
 
     def algebraic_theta(self, state: State, solid: Solid) -> Expr:
         """Theta where production equals dissipation and drag [m2/s2]."""
-        beta = self.drag(state)
-        return self.at_point.algebraic_theta(solid.alpha, solid.g0, solid.square, beta)
+        beta, square = self.drag(state), self.shear(state, "u_s").square
+        return self.at_point.algebraic_theta(solid.alpha, solid.g0, square, beta)
 
     def gas_turbulence(self, now: State, old: State, test: State, idt: Any) -> ufl.Form:
         """Transport of the logarithms of the gas's turbulence, each balance over its scale X.

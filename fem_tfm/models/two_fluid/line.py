@@ -12,6 +12,7 @@ from fem_tfm.models.line import Coupler, Line
 from fem_tfm.models.two_fluid.inlet import enter
 from fem_tfm.models.two_fluid.quantities import pressure_gradient, quantities
 from fem_tfm.models.two_fluid.section import TwoFluidSection
+from fem_tfm.models.two_fluid.split import ACCELERATION, GAS, LIFT, SOLIDS, split
 from fem_tfm.operation import Inlet
 from fem_tfm.solvers.marching import MarchControl
 
@@ -23,6 +24,10 @@ BED_POINTS = 101
 UNITS = {
     "z": "m",
     "pressure": "Pa",
+    GAS: "Pa",
+    SOLIDS: "Pa",
+    LIFT: "Pa",
+    ACCELERATION: "Pa",
     "pressure_gradient": "Pa/m",
     "holdup": "-",
     "max_solids_fraction": "-",
@@ -38,8 +43,8 @@ UNITS = {
 }
 # quantities of the outlet that a result tells
 AT_OUTLET = (
-    "pressure_gradient", "solids_mass_flow", "gas_mass_flow", "holdup", "max_solids_fraction",
-    "bed_fraction", "bed_height", "slip_velocity",
+    GAS, SOLIDS, LIFT, ACCELERATION, "pressure_gradient", "solids_mass_flow", "gas_mass_flow",
+    "holdup", "max_solids_fraction", "bed_fraction", "bed_height", "slip_velocity",
 )  # fmt: skip
 
 
@@ -49,6 +54,7 @@ class TwoFluidLine(Line):
     Momentum: pressure drop times area + weight = force of the walls + gain of momentum flux.
 
     inlet, solids : what enters, with alpha_s [-] and u_s [m/s] of the solids, None for gas alone
+    parts : names of the parts of the pressure drop that are integrated along the axis
     others : as for `Line`
     """
 
@@ -67,7 +73,8 @@ class TwoFluidLine(Line):
         solids: tuple[float, float] | None,
         coupler: Coupler | None = None,
     ) -> None:
-        summed = ("head", "driven", "resisted")
+        self.parts = (GAS, LIFT) if station.setup.solids is None else (GAS, SOLIDS, LIFT)
+        summed = ("head", "driven", "resisted", *self.parts)
         super().__init__(station, length, control, outlet_pressure, summed, coupler)
         self.inlet, self.solids = inlet, solids
 
@@ -76,8 +83,8 @@ class TwoFluidLine(Line):
         enter(self.station, self.inlet, self.solids)
 
     def rates(self) -> dict[str, float]:
-        """Pressure gradient, drive and resistance."""
-        return {
+        """Pressure gradient, drive, resistance and the parts of the gradient."""
+        return split(self.station) | {
             "head": -pressure_gradient(self.station),
             "driven": float(self.station.drive.value),
             "resisted": self.station.wall_force() - self._weight(),
@@ -100,6 +107,7 @@ class TwoFluidLine(Line):
         row = {
             "z": self.z,
             "pressure": self.sums.now["head"],
+            **self.split(),
             "pressure_gradient": math.nan if inlet else found["pressure_gradient"],
             "gas_mass_flow": found["gas_mass_flow"],
             "max_gas_velocity": self.extreme("u_g", largest=True),
@@ -118,6 +126,12 @@ class TwoFluidLine(Line):
             "solids_velocity": flux / held,
             "max_theta": station.extremes()["max_theta"],
         }
+
+    def split(self) -> dict[str, float]:
+        """Parts of the pressure drop from the inlet to the station at hand [Pa]."""
+        gain = self.momentum() - self.entered
+        found = {name: self.sums.now[name] for name in self.parts}
+        return found | {ACCELERATION: gain / self.station.area}
 
     def bed_height(self) -> float:
         """Height up to which the vertical diameter is denser than the onset of friction [m]."""

@@ -6,6 +6,7 @@ from __future__ import annotations
 import ufl
 
 from fem_tfm.models.two_fluid.section import TwoFluidSection
+from fem_tfm.models.two_fluid.split import ACCELERATION, split
 
 
 def pressure_gradient(section: TwoFluidSection) -> float:
@@ -23,6 +24,9 @@ def quantities(section: TwoFluidSection, length: float) -> dict[str, float]:
     found = {
         "pressure_gradient": gradient,
         "pressure_drop": gradient * length,
+        **{name: part * length for name, part in split(section).items()},
+        # nothing changes along the axis
+        ACCELERATION: 0.0,
         "gas_mass_flow": whole * setup.gas.density * gas,
     }
     if setup.solids is None:

@@ -243,10 +243,10 @@ class TwoFluidSection(section.Section):
     def fields(self) -> dict[str, fem.Function]:
         """Fields for output at their nodes.
 
-        alpha_s, u_s, u_g, theta, pressure (in the section), and k, eps, k_s, eps_s where they are
-        transported.
+        alpha_s, u_s, u_g, theta, pressure (above the mean of the section, with the weight of the
+        gas), and k, eps, k_s, eps_s where they are transported.
         """
-        fields = {"u_g": self.unknown("u_g"), "pressure": self.unknown("p")}
+        fields = {"u_g": self.unknown("u_g"), "pressure": self._pressure()}
         if self.setup.solids is not None:
             alpha, theta = self.unknown("q"), self.unknown("c")
             alpha.x.array[:] = self.setup.solids.packing_limit / (1 + np.exp(-alpha.x.array))
@@ -258,6 +258,13 @@ class TwoFluidSection(section.Section):
         for name, function in fields.items():
             function.name = name
         return fields
+
+    def _pressure(self) -> fem.Function:
+        """p + rho_g g.x at its nodes [Pa]."""
+        found, setup = self.unknown("p"), self.setup
+        points = found.function_space.tabulate_dof_coordinates()
+        found.x.array[:] += points[:, :2] @ (setup.gas.density * np.array(setup.gravity[:2]))
+        return found
 
     def friction(self) -> dict[str, fem.Function]:
         """Frictional pressure p_f and shear stress tau_f = mu_f sqrt(2 S:S) at the nodes [Pa]."""
@@ -282,24 +289,31 @@ class TwoFluidSection(section.Section):
         return {"max_alpha_s": float(limit / (1 + np.exp(-q))), "max_theta": float(floor + c**2)}
 
     def wall_force(self) -> float:
-        """Axial force of the walls on both phases per length [N/m], against the flow positive.
+        """Axial force of the walls on both phases per length [N/m], against the flow positive."""
+        return sum(self.wall_forces().values())
+
+    def wall_forces(self) -> dict[str, float]:
+        """That on "gas" and on "solids" where there are any [N/m].
 
         Where a wall law gives the traction it is integrated; where a velocity is imposed it is the
         reaction in the discrete balance, the residual of the rows that the condition replaced.
         """
-        now = self.state(self.now)
-        laws = self.setup.model
-        force = 0.0
-        traction = (1 - self.model.alpha(now)) * self.model.gas_wall_traction(now)
-        tractions: dict[str, tuple[GasWall | SolidsWall, Any]] = {"u_g": (laws.gas_wall, traction)}
+        now, laws = self.state(self.now), self.setup.model
+        parts: dict[str, tuple[str, GasWall | SolidsWall, Any]] = {
+            "gas": (
+                "u_g",
+                laws.gas_wall,
+                (1 - self.model.alpha(now)) * self.model.gas_wall_traction(now),
+            )
+        }
         if self.setup.solids is not None:
-            tractions["u_s"] = (laws.solids_wall, self.model.solids_wall_traction(now))
-        for name, (law, traction) in tractions.items():
-            if law.strong:
-                force += self._reaction(name)
-            else:
-                force += self.integral(f"wall {name}", traction[2], self.domain.ds_wall)
-        return force
+            parts["solids"] = "u_s", laws.solids_wall, self.model.solids_wall_traction(now)
+        return {
+            phase: self._reaction(name)
+            if law.strong
+            else self.integral(f"wall {name}", traction[2], self.domain.ds_wall)
+            for phase, (name, law, traction) in parts.items()
+        }
 
     def _reaction(self, name: str) -> float:
         vector = fem.assemble_vector(self.newton.residual)

@@ -11,6 +11,7 @@ from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.models.finite_volume.specification.data import present
 from fem_tfm.models.finite_volume.specification.facets import FacetForms
 from fem_tfm.models.pointwise import Invariants, Pointwise, SolidsCoefficients, tangential
+from fem_tfm.models.solids_wall import at_wall
 
 
 def solids_pressure(point: Pointwise, alpha: Any, theta: Any, deformation: Any, lift: Any) -> Any:
@@ -39,12 +40,24 @@ def gas_viscosity(point: Pointwise, gradient: Any, profile: tuple[Any, Any]) -> 
 
 
 def solids_wall(
-    on: FacetForms, point: Pointwise, alpha: Any, theta: Any, at: SolidsCoefficients, u: Any
+    on: FacetForms, point: Pointwise, centre: WallState, viscosity: Any, conductivity: Any
 ) -> tuple[Any, Any]:
-    """Friction c of the traction -c u of a wall [Pa s/m], and its heat into Theta [W/m2]."""
+    """Friction c of the traction -c u of a wall on a cell [Pa s/m], its heat into Theta [W/m2].
+
+    The law holds at the wall, half a cell away from the centre, where `centre` is known:
+
+        c = c_w/(1 + c_w (n.d)/mu),   kappa (Theta_w - Theta)/(n.d) = heat(u_w, Theta_w)
+    """
+    near = on.weight.edge
+    return at_wall(point, centre, viscosity * near, conductivity * near)
+
+
+def wall_centre(
+    on: FacetForms, point: Pointwise, alpha: Any, theta: Any, at: SolidsCoefficients, u: Any
+) -> WallState:
+    """The solids at the centre of a cell beside the wall."""
     slip = point.speed(tangential(u, on.normal.edge))
-    state = WallState(ufl.max_value(alpha, 0), theta, at.g0, at.p_f, slip)
-    return point.solids_wall_friction(state), point.solids_wall_heat(state)
+    return WallState(ufl.max_value(alpha, 0), theta, at.g0, at.p_f, slip)
 
 
 def gas_wall(on: FacetForms, point: Pointwise, void: Any, u: Any, height: Any, k: Any) -> Any:

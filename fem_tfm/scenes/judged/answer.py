@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What is no answer, and what an answer must say of itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from fem_tfm.errors import SolverError
+from fem_tfm.output.split_picture import PARTS
+
+# an estimated error above this share of its quantity tells that meshes disagree
+LARGEST_ERROR = 0.2
+# quantities whose estimate must be below it
+TRUSTED = ("pressure_gradient", "holdup", "friction_factor")
+# drop over the absolute pressure from which a gas of one density is wrong, and very wrong
+NOTICED_DROP, LARGEST_DROP = 0.1, 0.4
+# a march whose quantities still change beyond this share of the line has not developed
+DEVELOPED_AT = 0.9
+
+
+def judge(scene: Any, answer: Any) -> list[str]:
+    """What an answer must say of itself, one sentence each.
+
+    Raises
+    ------
+    SolverError
+        it is no answer: its meshes disagree, or the gas expands far too much for one density.
+    """
+    if doubt := doubtful(scene, answer.quantities, answer.errors):
+        raise SolverError(f"{doubt}; the meshes disagree, so there is no answer")
+    return [*_expansion(scene, answer.quantities), *_development(scene, answer.quantities)]
+
+
+def doubtful(scene: Any, found: Mapping[str, float], errors: Mapping[str, float | None]) -> str:
+    """Why the meshes disagree, an empty text where they do not."""
+    for name in TRUSTED:
+        error = errors.get(name)
+        if error is None or name not in found:
+            continue
+        size = abs(found[name])
+        if name == "pressure_gradient":
+            # a drop in which weight and friction cancel is as exact as its parts
+            parts = sum(abs(found.get(part, 0.0)) for part in PARTS)
+            size = max(size, parts / scene.geometry.length)
+        if not error <= LARGEST_ERROR * size:
+            words = name.replace("_", " ")
+            return (
+                f"{words} {found[name]:.4g} has an estimated error of {error:.2g}, above"
+                f" {100 * LARGEST_ERROR:.0f} % of it"
+            )
+    return ""
+
+
+def absolute_pressure(scene: Any) -> float | None:
+    """Absolute pressure at which the gas has its density [Pa], None where nothing tells it."""
+    gas, feed = scene.model.gas, scene.feed
+    known: float | None = gas.pressure or feed.outlet_pressure
+    return known
+
+
+def with_expansion(drop: float, density_at: float, outlet: float) -> float:
+    """Drop of a gas that expands at constant temperature [Pa]; nan where none is possible.
+
+        p_in^2 - p_out^2 = 2 p_density drop
+
+    drop : of the gas of one density
+    density_at, outlet : absolute pressure of that density, and at the outlet [Pa]
+    """
+    square = outlet**2 + 2 * density_at * drop
+    return math.sqrt(square) - outlet if square > 0 else math.nan
+
+
+def _expansion(scene: Any, found: Mapping[str, float]) -> list[str]:
+    """How far a gas of one density is wrong; raises SolverError where it is very wrong."""
+    drop, pressure = found.get("pressure_drop", math.nan), absolute_pressure(scene)
+    if pressure is None or scene.model.gas.compressible or not math.isfinite(drop):
+        return []
+    outlet = scene.feed.outlet_pressure or pressure
+    share = abs(drop) / outlet
+    if share <= NOTICED_DROP:
+        return []
+    better = with_expansion(drop, pressure, outlet)
+    told = (
+        f"the pressure drop of {drop:.4g} Pa is {100 * share:.0f} % of the absolute pressure"
+        f" {outlet:.4g} Pa at the outlet, and the gas has one density"
+    )
+    if share > LARGEST_DROP:
+        raise SolverError(
+            f"{told}; no answer above {100 * LARGEST_DROP:.0f} %. With isothermal expansion the"
+            f" drop would be about {better:.4g} Pa: shorten the line, or solve it in parts"
+        )
+    return [
+        f"{told}: with isothermal expansion it would be about {better:.4g} Pa,"
+        f" an error of {drop - better:+.2g} Pa"
+    ]
+
+
+def _development(scene: Any, found: Mapping[str, float]) -> list[str]:
+    """Whether a march still develops at its outlet."""
+    place, length = found.get("development_length"), scene.geometry.length
+    if place is None or place <= DEVELOPED_AT * length:
+        return []
+    return [
+        f"the flow is not developed at the outlet: it changes by more than 1 % up to"
+        f" {place:.4g} of {length:.4g} m, so pressure_gradient and entrance_pressure_drop are"
+        " those of this length"
+    ]

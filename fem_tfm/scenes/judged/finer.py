@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Finer meshes for a section whose meshes disagree."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+from mpi4py import MPI
+
+from fem_tfm.errors import InputError, SolverError
+from fem_tfm.geometry.mesh import Mesh, section_mesh
+from fem_tfm.scenes.judged.answer import doubtful
+from fem_tfm.solvers import nested
+
+# meshes beyond the finest that the scene asks for, each with half its cells' size, and their budget
+MOST_MESHES, MOST_UNKNOWNS = 2, 60_000
+
+
+def finer_mesh(physics: Any, comm: MPI.Comm, number: int) -> Callable[[], Mesh]:
+    """Maker of a mesh that is finer than the finest of a scene by factors of two."""
+    size = physics.resolution.core_size(physics.section) / 2**number
+    return partial(section_mesh, physics.section, replace(physics.resolution, mesh_size=size), comm)
+
+
+def trusted(
+    scene: Any, solution: nested.Solution, limits: tuple[float, int], recorder: Any
+) -> dict[str, Any]:
+    """What the answer is made of, on finer meshes where those of the scene disagree.
+
+    limits : tolerance and largest number of steps
+
+    Raises
+    ------
+    SolverError
+        a state is no answer, or a finer mesh has none.
+    """
+    physics, found = scene.physics, recorder.take(solution)
+    for number in range(1, MOST_MESHES + 1):
+        doubt = doubtful(scene, found["quantities"], found["errors"])
+        if not doubt or 4 * solution.section.dofs > MOST_UNKNOWNS:
+            break
+        recorder.tell(f"{doubt}; a finer mesh follows")
+        try:
+            mesh = finer_mesh(physics, recorder.comm, number)
+            nested.refine(solution, mesh, physics.setup(), *limits, recorder, physics.scheme)
+        except InputError:
+            # the section carries no finer mesh
+            break
+        except SolverError as error:
+            raise SolverError(f"{doubt}, and a finer mesh has no answer: {error}") from error
+        found = recorder.take(solution, number)
+        note = f"the mesh that the case asks for: {doubt}; this answer is from a finer one"
+        found["notes"] = [*found.get("notes", ()), note]
+    return dict(found)

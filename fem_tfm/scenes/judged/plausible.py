@@ -1,0 +1,169 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Numbers that follow from a dense scene, and what they give away: slips of units, settling."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from fem_tfm.correlations import (
+    friction_velocity,
+    rizk_velocity,
+    smooth_friction,
+    terminal_velocity,
+)
+from fem_tfm.errors import InputError
+
+# bounds outside of which a number was hardly meant
+THIN_GAS, COLD_GAS, LIGHT_GRAINS, LIGHT_RATIO = 0.02, 150.0, 20.0, 3.0
+LEAST_LOADING, LARGEST_LOADING, SHORTEST_LINE, SLOWEST = 1e-4, 1e3, 1.0, 50.0
+# a flux of solids needs a velocity beyond these over and above that of the gas [-], [m/s]
+FAST, FASTER_BY = 3.0, 10.0
+# Rouse numbers below and above which grains stay up and settle, and von Karman's constant
+SUSPENDED, SETTLED, KARMAN = 0.3, 1.0, 0.41
+# lines steeper than this do not let grains settle [deg], and the least Re of a turbulent gas
+STEEP, TURBULENT = 45.0, 4000.0
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A number that follows from a scene.
+
+    doubt : the slip that it gives away, empty where there is none
+    """
+
+    name: str
+    value: float
+    unit: str
+    doubt: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.name} {self.value:.4g} {self.unit}".rstrip()
+
+
+def doubts(scene: Any) -> list[str]:
+    """What a user probably did not mean, with the number that gives it away."""
+    return [f"{number}: {number.doubt}" for number in derived(scene) if number.doubt]
+
+
+def derived(scene: Any) -> list[Derived]:
+    """The numbers of a dense scene."""
+    found = [*_of_the_gas(scene)]
+    if scene.model.solids is not None and scene.solids_feed is not None:
+        found += _of_the_solids(scene)
+    return found
+
+
+def _of_the_gas(scene: Any) -> Iterator[Derived]:
+    gas, geometry = scene.model.gas, scene.geometry
+    width, reynolds = geometry.hydraulic_diameter, scene.reynolds
+    doubt = ""
+    if gas.density < THIN_GAS:
+        doubt = "next to a vacuum"
+        if gas.pressure is not None:
+            doubt += f"; is gas.pressure = {gas.pressure:g} in Pa, not in bar?"
+    elif gas.pressure is not None and gas.temperature < COLD_GAS:
+        doubt = f"is gas.temperature = {gas.temperature:g} in K, not in degrees Celsius?"
+    yield Derived("gas density", gas.density, "kg/m3", doubt)
+    ratio = geometry.length / width
+    doubt = ""
+    if ratio < SHORTEST_LINE:
+        doubt = f"the line is wider than long; is its diameter of {width:g} m in metres?"
+    yield Derived("length over diameter", ratio, "", doubt)
+    doubt = ""
+    if reynolds < SLOWEST and scene.model.turbulence.name != "laminar":
+        doubt = f"nothing is turbulent there; is gas.viscosity = {gas.viscosity:g} in Pa s?"
+    yield Derived("Reynolds number of the gas", reynolds, "", doubt)
+    if reynolds > TURBULENT:
+        nu = gas.viscosity / gas.density
+        y_plus = scene.wall_offset * friction_velocity(scene.feed.gas_velocity, width, nu) / nu
+        yield Derived("wall distance y+", y_plus, "")
+
+
+def _of_the_solids(scene: Any) -> Iterator[Derived]:
+    gas, solids, feed = scene.model.gas, scene.model.solids, scene.feed
+    ratio, doubt = solids.density / gas.density, ""
+    if solids.density < LIGHT_GRAINS or ratio < LIGHT_RATIO:
+        doubt = f"is solids.density = {solids.density:g} in kg/m3, not in g/cm3?"
+    yield Derived("solids density over that of the gas", ratio, "", doubt)
+    kind, value = scene.solids_feed
+    flux = value if kind == "flux" else value * feed.gas_velocity
+    loading = solids.density * flux / (gas.density * feed.gas_velocity)
+    if kind == "flux":
+        doubt = ""
+        if flux > solids.packing_limit * feed.gas_velocity:
+            doubt = (
+                f"more than the gas at {feed.gas_velocity:g} m/s could carry;"
+                f" is operation.{feed.solids_key} = {getattr(feed, feed.solids_key):g} in SI units?"
+            )
+        yield Derived("solids superficial velocity", flux, "m/s", doubt)
+    doubt = ""
+    if not LEAST_LOADING <= loading <= LARGEST_LOADING:
+        doubt = "outside of what is conveyed; are feed and diameter in SI units?"
+    yield Derived("loading, solids over gas by mass", loading, "", doubt)
+    yield Derived("wall distance in grain diameters", scene.wall_offset / solids.diameter, "")
+    if feed.gravity > 0:
+        yield from _of_settling(scene, solids.density * flux * scene.geometry.area)
+    yield from _of_the_drop(scene, solids.density * flux)
+
+
+def _of_settling(scene: Any, mass_flow: float) -> Iterator[Derived]:
+    """Whether grains stay up; told, not doubted: beds are what the model is for."""
+    gas, solids, feed = scene.model.gas, scene.model.solids, scene.feed
+    width, nu = scene.geometry.hydraulic_diameter, gas.viscosity / gas.density
+    falling = terminal_velocity(gas, solids, feed.gravity)
+    yield Derived("terminal velocity of a grain", falling, "m/s")
+    if abs(scene.geometry.inclination_deg) > STEEP:
+        return
+    if scene.reynolds > TURBULENT:
+        rouse = falling / (KARMAN * friction_velocity(feed.gas_velocity, width, nu))
+        words = "between"
+        if not SUSPENDED <= rouse <= SETTLED:
+            words = "suspended" if rouse < SUSPENDED else "settles or bounces"
+        yield Derived("Rouse number", rouse, f"({words})")
+    rizk = rizk_velocity(mass_flow, width, gas, solids, feed.gravity)
+    words = "above: no bed is to be expected"
+    if feed.gas_velocity < rizk:
+        words = "below: a bed is to be expected"
+    yield Derived("saltation velocity by Rizk", rizk, f"m/s (the gas is {words})")
+
+
+def _of_the_drop(scene: Any, flux: float) -> Iterator[Derived]:
+    """The drop by correlations over the absolute pressure, where something tells that.
+
+    Friction of the gas alone, Konno and Saito's 0.057 G sqrt(g/D) of the solids, and lift.
+    """
+    gas, feed, geometry = scene.model.gas, scene.feed, scene.geometry
+    pressure = feed.outlet_pressure or gas.pressure
+    if pressure is None or scene.reynolds < TURBULENT:
+        return
+    width, speed = geometry.hydraulic_diameter, feed.gas_velocity
+    gradient = smooth_friction(scene.reynolds) / 2 * gas.density * speed**2 / width
+    gradient += 0.057 * flux * math.sqrt(feed.gravity / width)
+    rise = math.sin(math.radians(geometry.inclination_deg))
+    gradient += feed.gravity * rise * (gas.density + flux / speed)
+    share = abs(gradient) * geometry.length / pressure
+    yield Derived("pressure drop by correlations over the pressure", share, "")
+
+
+# -- what is refused -------------------------------------------------------------------------------
+
+
+def check_flux(scene: Any) -> None:
+    """Refuse solids that would have to outrun any gas.
+
+    Raises InputError with the velocity that gives it away.
+    """
+    if scene.model.solids is None or scene.solids_feed is None:
+        return
+    (kind, flux), gas, limit = scene.solids_feed, scene.feed.gas_velocity, scene.model.solids
+    most = limit.packing_limit * max(FAST * gas, gas + FASTER_BY)
+    if kind == "flux" and flux > most:
+        key = scene.feed.solids_key
+        words = (
+            f"less: it is a superficial velocity of {flux:.4g} m/s beside gas at {gas:g} m/s,"
+            f" and packed grains at {FAST:g} times that carry {most:.4g} m/s; units are SI"
+        )
+        raise InputError(f"operation.{key}", getattr(scene.feed, key), words)

@@ -1,0 +1,179 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What is no answer is not called one, and an answer says what it does not hold for."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from fem_tfm import Case
+from fem_tfm.cli import main
+from fem_tfm.errors import SolverError
+from fem_tfm.scenes.judged import answer as judged
+from fem_tfm.scenes.judged.answer import judge, with_expansion
+
+AIR = {"species": "air", "pressure": 1.2e5}
+LINE: dict[str, Any] = {
+    "geometry": {"diameter": 0.05, "length": 1000.0},
+    "gas": AIR,
+    "operation": {"gas_superficial_velocity": 20.0, "outlet_pressure": 1.2e5},
+    "numerics": {"level": 1},
+}
+COAL = {
+    "solids": {"density": 1400.0, "diameter": 1.0e-3},
+    "operation": LINE["operation"] | {"solids_mass_flow": 0.28},
+}
+
+
+def found(**quantities: float) -> Any:
+    """An answer without errors."""
+    return SimpleNamespace(quantities=quantities, errors={})
+
+
+def test_expansion_at_constant_temperature() -> None:
+    """148,241 Pa of a gas of one density become 103.6 kPa; from 1.2 bar at the inlet none would."""
+    assert with_expansion(148_241.0, 1.2e5, 1.2e5) == pytest.approx(103.6e3, rel=1e-3)
+    # a small drop is that of the gas of one density
+    assert with_expansion(10.0, 1.2e5, 1.2e5) == pytest.approx(10.0, rel=1e-3)
+    assert math.isnan(with_expansion(-148_241.0, 1.2e5, 1.2e5))
+
+
+def test_a_drop_beyond_the_absolute_pressure_is_no_answer() -> None:
+    case = Case.from_dict(LINE | COAL)
+    with pytest.raises(SolverError, match=r"124 % of the absolute pressure.*about 1\.036e\+05 Pa"):
+        case.scene.run()
+
+
+def test_a_drop_of_some_percent_of_the_pressure_warns_with_the_error() -> None:
+    case = Case.from_dict(LINE | COAL).with_values({"geometry.length": 150.0})
+    result = case.scene.run()
+    (warning,) = [text for text in result.warnings if "absolute pressure" in text]
+    drop = result["pressure_drop"]
+    better = with_expansion(drop, 1.2e5, 1.2e5)
+    assert f"about {better:.4g} Pa, an error of {drop - better:+.2g} Pa" in warning
+    assert 1000.0 < drop - better < 3000.0
+
+
+@pytest.mark.parametrize(
+    ("drop", "warned", "refused"),
+    [(0.09, False, False), (0.11, True, False), (0.39, True, False), (0.41, False, True)],
+)
+def test_the_limits_of_the_drop(drop: float, warned: bool, refused: bool) -> None:
+    scene = Case.from_dict(LINE).scene
+    given = found(pressure_drop=drop * 1.2e5)
+    if refused:
+        with pytest.raises(SolverError, match="no answer above 40 %"):
+            judge(scene, given)
+    else:
+        assert bool(judge(scene, given)) == warned
+
+
+def test_a_gas_by_its_density_has_no_absolute_pressure(dense: dict[str, Any]) -> None:
+    assert judge(Case.from_dict(dense).scene, found(pressure_drop=1e9)) == []
+
+
+def test_a_flow_that_still_changes_at_its_outlet_says_so() -> None:
+    scene = Case.from_dict(LINE).with_values({"geometry.length": 10.0}).scene
+    (warning,) = judge(scene, found(development_length=9.93))
+    assert "not developed at the outlet" in warning and "9.93 of 10 m" in warning
+    assert judge(scene, found(development_length=8.9)) == []
+
+
+# -- meshes that disagree --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("quantities", "errors", "doubted"),
+    [
+        ({"pressure_gradient": 142.5}, {"pressure_gradient": 220.0}, True),
+        ({"pressure_gradient": 142.5}, {"pressure_gradient": 28.0}, False),
+        ({"pressure_gradient": 142.5}, {"pressure_gradient": math.nan}, True),
+        ({"pressure_gradient": 142.5}, {"pressure_gradient": None}, False),
+        ({"pressure_gradient": 1.0, "holdup": 0.010}, {"holdup": 0.015}, True),
+        # friction and weight that cancel are as exact as they are
+        ({"pressure_gradient": 1.0, "drop_lift": -9e5, "drop_gas_friction": 9.01e5},
+         {"pressure_gradient": 5.0}, False),
+        ({"slip_velocity": 0.1}, {"slip_velocity": 5.0}, False),
+    ],
+)  # fmt: skip
+def test_an_estimate_above_a_fifth_is_doubted(
+    quantities: dict[str, float], errors: dict[str, float | None], doubted: bool
+) -> None:
+    given = SimpleNamespace(quantities=quantities, errors=errors)
+    scene = Case.from_dict(LINE).scene
+    if doubted:
+        with pytest.raises(SolverError, match="the meshes disagree, so there is no answer"):
+            judge(scene, given)
+    else:
+        judge(scene, given)
+
+
+def test_meshes_that_disagree_are_followed_by_finer_ones(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As if the gas alone had to be known to 0.2 %: level 1 does not, a finer mesh does."""
+    case = Case.from_dict(LINE).with_values({"geometry.length": 10.0})
+    usual = case.scene.run()
+    assert usual.quantities["pressure_gradient"].error_estimate > 2e-3 * usual["pressure_gradient"]
+    monkeypatch.setattr(judged, "LARGEST_ERROR", 2e-3)
+    result = case.scene.run(tmp_path / "run", quiet=False)
+    assert result.cells > 3 * usual.cells
+    gradient = result.quantities["pressure_gradient"]
+    assert gradient.error_estimate < 2e-3 * gradient.value
+    assert any("this answer is from a finer one" in text for text in result.skipped)
+    assert "a finer mesh follows" in capsys.readouterr().out
+    # its checkpoint belongs to the finer mesh
+    again = case.scene.run(tmp_path / "run", resume=True)
+    assert again.cells == result.cells
+    assert again["pressure_gradient"] == pytest.approx(gradient.value, rel=1e-8)
+
+
+def test_meshes_that_go_on_to_disagree_end_with_status_3(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(judged, "LARGEST_ERROR", 1e-9)
+    place = tmp_path / "case.toml"
+    place.write_text(Case.from_dict(LINE).with_values({"geometry.length": 10.0}).dump())
+    assert main(["run", str(place), "--out", str(tmp_path / "run"), "--quiet"]) == 3
+    assert "the meshes disagree, so there is no answer" in capsys.readouterr().err
+    told = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert told["status"] == "failed" and not told["quantities"]
+
+
+# -- references ------------------------------------------------------------------------------------
+
+REFERENCE = [{"quantity": "pressure_drop", "value": 4260.0, "source": "experiment"}]
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "kept"),
+    [
+        ("geometry.length", 0.5, False),
+        ("solids.diameter", 2e-4, False),
+        ("operation.gas_superficial_velocity", 5.0, False),
+        ("gas.density", 30.0, False),
+        ("geometry.diameter", 0.01, True),
+        ("numerics.level", 1, True),
+        ("closures.friction", "dartevelle", True),
+        ("title", "the same flow", True),
+    ],
+)
+def test_references_are_kept_while_the_flow_is_theirs(
+    dense: dict[str, Any], tmp_path: Path, key: str, value: Any, kept: bool
+) -> None:
+    case = Case.from_dict(dense | {"reference": REFERENCE})
+    assert bool(case.with_values({key: value}).scene.references) == kept
+    place = tmp_path / "case.toml"
+    place.write_text(case.dump())
+    text = f'{key}="{value}"' if isinstance(value, str) else f"{key}={value}"
+    assert bool(Case.load(place, [text]).scene.references) == kept
+
+
+def test_a_reference_that_comes_with_the_change_is_kept(dense: dict[str, Any]) -> None:
+    case = Case.from_dict(dense).with_values({"geometry.length": 0.5, "reference": REFERENCE})
+    assert len(case.scene.references) == 1

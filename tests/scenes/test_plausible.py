@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Before a case is solved: numbers that follow from it, slips of units, memory, and time."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fem_tfm import Case
+from fem_tfm.cli import main
+from fem_tfm.correlations import rizk_velocity, terminal_velocity
+from fem_tfm.errors import InputError, SolverError
+from fem_tfm.materials import Gas, Solids
+from fem_tfm.scenes.judged import memory
+from fem_tfm.scenes.judged.memory import section_cells
+from fem_tfm.scenes.judged.plausible import derived, doubts
+
+RISER: dict[str, Any] = {
+    "geometry": {"diameter": 0.05, "length": 10.0, "inclination_deg": 90.0},
+    "gas": {"species": "air", "pressure": 1.0e5},
+    "solids": {"density": 2500.0, "diameter": 2.0e-4},
+    "operation": {"gas_superficial_velocity": 12.0, "solids_mass_flow": 0.1},
+}
+
+
+def riser(**changes: Any) -> Case:
+    return Case.from_dict(RISER).with_values({k.replace("__", "."): v for k, v in changes.items()})
+
+
+def test_a_plausible_case_has_no_doubts() -> None:
+    assert doubts(riser().scene) == []
+    told = {number.name: number.value for number in derived(riser().scene)}
+    assert told["gas density"] == pytest.approx(1.19, rel=1e-2)
+    assert told["loading, solids over gas by mass"] == pytest.approx(3.57, rel=1e-2)
+    assert told["solids superficial velocity"] == pytest.approx(
+        0.1 / 2500 / (math.pi / 4 * 0.05**2)
+    )
+    assert told["wall distance in grain diameters"] == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "number"),
+    [
+        ("geometry.diameter", 50.0, "length over diameter 0.2: the line is wider than long"),
+        ("gas.pressure", 1.0, "gas density 1.189e-05 kg/m3: next to a vacuum; is gas.pressure"),
+        ("gas.temperature", 20.0, "gas density 17.42 kg/m3: is gas.temperature = 20 in K"),
+        ("solids.density", 2.5, "over that of the gas 2.103: is solids.density = 2.5 in kg/m3"),
+        ("operation.solids_mass_flow", 360.0, "solids superficial velocity 73.34 m/s: more than"),
+    ],
+)
+def test_a_slip_of_units_is_told_with_the_number_that_gives_it_away(
+    key: str, value: float, number: str
+) -> None:
+    warnings = Case.from_dict(RISER).with_values({key: value}).scene.advice()
+    assert any(number in text for text in warnings)
+
+
+def test_check_tells_the_numbers_and_the_slip(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    place = tmp_path / "case.toml"
+    place.write_text(riser().dump())
+    assert main(["check", str(place), "--set", "gas.temperature=20"]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "Reynolds number of the gas" in told and "terminal velocity of a grain" in told
+    assert "is gas.temperature = 20 in K, not in degrees Celsius?" in told
+
+
+@pytest.mark.parametrize("verb", ["check", "run"])
+@pytest.mark.parametrize(
+    ("change", "number"),
+    [
+        ("operation.solids_mass_flow=360", "a superficial velocity of 73.34 m/s beside gas"),
+        ("numerics.mesh_size=1e-9", "expected from 2.5e-05 to 0.025 m"),
+        ("numerics.level=12", "the machine has 8000 MB"),
+    ],
+)
+def test_check_and_run_refuse_the_same(
+    verb: str,
+    change: str,
+    number: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(memory, "machine_memory", lambda: 8000.0)
+    place = tmp_path / "case.toml"
+    place.write_text(riser().dump())
+    more = ["--out", str(tmp_path / "out")] if verb == "run" else []
+    assert main([verb, str(place), "--set", change, *more]) == 2
+    assert number in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_unsteady_mesh_beyond_the_machine_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "machine_memory", lambda: 2000.0)
+    changes = {"solution": "unsteady", "numerics.end_time": 1.0, "numerics.axial_cells": 100}
+    riser(**changes).scene.examine()
+    with pytest.raises(InputError, match="a coarser mesh: it needs about"):
+        riser(**changes, numerics__level=8).scene.examine()
+
+
+@pytest.mark.parametrize("level", [1, 5, 7])
+def test_cells_are_foreseen_without_the_mesh(level: int) -> None:
+    physics = riser(numerics__level=level).scene.physics
+    cells, _ = physics.size()
+    assert section_cells(physics.section, physics.resolution) == pytest.approx(cells, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("density", "diameter", "width", "loading", "speed", "pressure", "published"),
+    [
+        (1400.0, 1e-3, 0.05, 5.0, 20.0, 1e5, 11.3),
+        (1470.0, 7e-5, 0.08, 5.0, 18.0, 1.4e5, 12.1),
+        (920.0, 3e-3, 0.10, None, 23.0, 1e5, 16.1),
+    ],
+)
+def test_saltation_velocity(
+    density: float,
+    diameter: float,
+    width: float,
+    loading: float | None,
+    speed: float,
+    pressure: float,
+    published: float,
+) -> None:
+    air = Gas.species("air", pressure)
+    flow = 1.0 if loading is None else loading * air.density * math.pi / 4 * width**2 * speed
+    found = rizk_velocity(flow, width, air, Solids(density=density, diameter=diameter), 9.81)
+    assert found == pytest.approx(published, rel=0.03)
+
+
+def test_terminal_velocity_of_a_fine_grain_is_that_of_stokes() -> None:
+    air, grain = Gas(density=1.2, viscosity=1.8e-5), Solids(density=2500.0, diameter=1e-5)
+    stokes = (2500.0 - 1.2) * 9.81 * 1e-10 / (18 * 1.8e-5)
+    assert terminal_velocity(air, grain, 9.81) == pytest.approx(stokes, rel=0.01)
+    assert terminal_velocity(air, grain, 0.0) == 0.0
+
+
+# -- time ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("solution", ["developed", "developing", "unsteady"])
+def test_a_run_ends_at_its_time_limit_and_goes_on(solution: str, tmp_path: Path) -> None:
+    changes = {"solution": solution, "numerics.level": 1, "geometry.length": 0.2}
+    if solution == "unsteady":
+        changes |= {"numerics.end_time": 0.02, "numerics.axial_cells": 10, "output.interval": 0.01}
+    case = riser(**{**changes, "output.pictures": False})
+    limited = case.with_values({"numerics.time_limit": 1e-6})
+    with pytest.raises(
+        SolverError, match=r"numerics\.time_limit = 1e-06 s is over; its last state"
+    ):
+        limited.scene.run(tmp_path / "run")
+    told = json.loads((tmp_path / "run" / "result.json").read_text())
+    assert told["status"] == "interrupted" and "time_limit" in told["reason"]
+    rest = case.scene.run(tmp_path / "run", resume=True)
+    whole = case.scene.run()
+    assert rest["pressure_drop"] == pytest.approx(whole["pressure_drop"], rel=1e-6)
