@@ -222,6 +222,10 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
     def advice(self) -> list[str]:
         """What the user probably did not mean, one sentence each."""
 
+    def judge(self, answer: Answer) -> list[str]:
+        """What an answer must say of itself; raises SolverError where it is none."""
+        return judge(self, answer)
+
     def warnings(self) -> list[str]:
         """`advice`, and what is to be said of the particles."""
         return self.advice() + (cloud_words.advice(self) if self.particles is not None else [])
@@ -383,7 +387,7 @@ def _whereabouts(recorder: Recorder) -> str:
 def _finish(scene: Scene[Any, Any], answer: Answer, recorder: Recorder) -> Result:
     """Quantities with their errors, balances and files of an answer."""
     recorder.lap("solve")
-    warnings = judge(scene, answer)
+    warnings = scene.judge(answer)
     for sentence in warnings:
         recorder.progress.warn(sentence)
         recorder.log(f"warning: {sentence}")

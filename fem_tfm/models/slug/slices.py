@@ -69,6 +69,9 @@ class Samples:
         """Middles of the slices [m]."""
         return (self.edges[1:] + self.edges[:-1]) / 2
 
+    def close(self) -> None:
+        """Nothing to free."""
+
     def after(self, time: float) -> Samples:
         """The samples after a time [s]."""
         keep = [n for n, t in enumerate(self.time) if t > time]

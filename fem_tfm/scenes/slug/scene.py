@@ -8,12 +8,15 @@ from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields
 from typing import Any, ClassVar, Literal
 
+import numpy as np
+
 from fem_tfm import signals
 from fem_tfm.cloud import Cloud
 from fem_tfm.errors import InputError
 from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.shapes import Duct, Pipe
 from fem_tfm.models.slug.model import DiscreteElements
+from fem_tfm.models.slug.slices import Samples
 from fem_tfm.models.slug.slugs import POROSITY, SHORTEST, statistics
 from fem_tfm.models.slug.tube import Conveying, SlugTube, Steps
 from fem_tfm.output.result import unit_of
@@ -30,6 +33,8 @@ GRAIN_TIME, GAS_TIME, MEMORY = 6e-8, 1.0e-3, 300
 # share of the tube that is told of without other wishes
 STRETCH = (0.38, 0.86)
 OUTPUTS = 20
+# an error above this share of its value is told, and a change of the grains in the tube
+UNCERTAIN, FILLING = 0.2, 0.1
 
 
 @dataclass(frozen=True)
@@ -183,7 +188,27 @@ class Slug(Scene[Physics, TubeRecorder]):
         missing = tube.start + tube.fed - tube.grains.count - tube.out
         found, errors = self.told(recorder)
         balances = {"grains": abs(missing) / max(tube.start + tube.fed, 1)}
-        return Answer("finished", found, balances, "pressure_gradient", errors=errors)
+        kept = recorder.samples.after(self.begin)
+        return Answer("finished", found, balances, "pressure_gradient", errors=errors, state=kept)
+
+    def judge(self, answer: Answer) -> list[str]:
+        """What is uncertain: statistics of few slugs, and a tube that still fills."""
+        said = [
+            f"{name.replace('_', ' ')} {answer.quantities[name]:.3g} has a statistical error of"
+            f" {error:.2g}; a longer numerics.end_time makes it smaller"
+            for name, error in answer.errors.items()
+            if error is not None and error > UNCERTAIN * abs(answer.quantities[name])
+        ]
+        samples: Samples = answer.state
+        counts = np.array(samples.count, dtype=float)
+        if len(counts) >= 4:
+            first, last = (float(part.mean()) for part in np.array_split(counts, 2))
+            if abs(last - first) > FILLING * max(last, 1.0):
+                said.append(
+                    f"the tube is not steady: {first:.0f} grains in the first half of what is"
+                    f" averaged, {last:.0f} in the second"
+                )
+        return said
 
     def told(self, recorder: TubeRecorder) -> tuple[dict[str, float], dict[str, float | None]]:
         """Means of the slugs and twice their standard errors."""

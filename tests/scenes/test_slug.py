@@ -1,0 +1,113 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""The scene of a slug tube: case file and Python, files, restart, what is refused and warned of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import meshio
+import numpy as np
+import pytest
+
+import fem_tfm as ft
+from fem_tfm.case import Case
+from fem_tfm.errors import InputError
+from fem_tfm.scenes.slug.recorder import TubeRecorder
+
+
+def case(**changes: Any) -> Case:
+    tables: dict[str, Any] = {
+        "flow": "slug",
+        "geometry": {"diameter": 0.007, "length": 0.1},
+        "gas": {"viscosity": 6.73e-5},
+        "solids": {"density": 937.0, "diameter": 1.4e-3},
+        "operation": {"gas_superficial_velocity": 1.0, "solids_mass_flow": 6.9167e-4},
+        "numerics": {"end_time": 1.2},
+        "averages": {"begin": 0.4, "low": 0.02, "high": 0.09},
+        "output": {"interval": 0.2},
+    }
+    return Case.from_dict(tables).with_values(changes)
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory: pytest.TempPathFactory) -> tuple[ft.Result, Path]:
+    out = tmp_path_factory.mktemp("slug") / "run"
+    return case().scene.run(out), out
+
+
+def test_nothing_is_lost_and_slugs_are_told(solved: tuple[ft.Result, Path]) -> None:
+    result, _ = solved
+    assert result.status == "finished" and result.balances["grains"] == 0
+    assert 300 < result["grains_in_tube"] < 700
+    assert result["pressure_gradient"] > 100
+    assert any("few for statistics" in text for text in result.warnings)
+
+
+def test_files_open_in_their_readers(solved: tuple[ft.Result, Path]) -> None:
+    _, out = solved
+    names = {path.name for path in out.iterdir()}
+    wanted = {"grains.pvd", "slugs.csv", "along.csv", "profile.csv", "porosity.png", "slugs.png"}
+    assert wanted | {"film.gif", "fields.xdmf", "result.json", "monitor.csv"} <= names
+    listed = (out / "grains.pvd").read_text(encoding="utf-8")
+    assert listed.count("DataSet") == 7
+    grains = meshio.read(out / "grains_0006.vtu")
+    assert (grains.point_data["radius"] == 7e-4).all()
+    assert grains.points[:, 2].max() <= 0.1
+    assert np.hypot(*grains.points[:, :2].T).max() < 3.5e-3 - 6.5e-4
+
+
+def test_a_run_that_was_cut_short_goes_on_to_the_same_bits(
+    solved: tuple[ft.Result, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, step = solved[0], TubeRecorder.step
+
+    def cut(self: TubeRecorder) -> None:
+        step(self)
+        if self.tube.number == 1100:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(TubeRecorder, "step", cut)
+    with pytest.raises(KeyboardInterrupt):
+        case().scene.run(tmp_path)
+    monkeypatch.setattr(TubeRecorder, "step", step)
+    found = case().scene.run(tmp_path, resume=True)
+    for name in whole.quantities:
+        assert found[name] == whole[name], name
+    tables = [(out / "monitor.csv").read_text() for out in (solved[1], tmp_path)]
+    assert tables[0] == tables[1]
+
+
+def test_python_and_a_case_file_state_the_same_scene() -> None:
+    made = ft.Slug(
+        ft.DiscreteElements(ft.TubeGas(6.73e-5), ft.Grain(937.0, 1.4e-3)),
+        ft.Pipe(0.007, length=0.1),
+        ft.Conveying(1.0, 6.9167e-4),
+        numerics=ft.TubeNumerics(end_time=1.2),
+        averages=ft.Averages(begin=0.4, low=0.02, high=0.09),
+        output=ft.Output(interval=0.2),
+    )
+    assert case().scene == made
+    assert Case.from_dict(case().tables).scene == made
+    told = made.describe()
+    assert "pressure of the gas" not in told["solved"] and "514 a second" in told["given"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"averages.begin": 2.0}, "averages.begin"),
+        ({"averages.high": 0.2}, "averages.high"),
+        ({"averages.low": 0.095}, "averages.high"),
+        ({"geometry.diameter": 0.001}, "geometry.diameter"),
+        ({"numerics.time_step": 1e-3}, "numerics.time_step"),
+        ({"operation.solids_mass_flow": 1.0}, "operation.solids_mass_flow"),
+        ({"numerics.level": 3}, "numerics.level"),
+        ({"particles.coupling": "one-way"}, "particles.coupling"),
+        ({"geometry.shape": "bend"}, "geometry.shape"),
+    ],
+)
+def test_what_does_not_fit_is_refused_by_its_key(changes: dict[str, Any], key: str) -> None:
+    with pytest.raises(InputError) as caught:
+        case(**changes)
+    assert caught.value.key == key
