@@ -112,13 +112,31 @@ struct Walk {
                 moved = true;
                 continue;
             }
-            const int32_t* neighbour = grid.neighbour + (int64_t)cell[k] * Kind::FACETS;
-            float most = TOLERANCE;
-            int32_t next = -1;
-            for (int i = 0; i < Kind::FACETS; ++i) {
-                if (far[i][k] > most && neighbour[i] >= 0) most = far[i][k], next = neighbour[i];
+            float beyond[Kind::FACETS];
+            for (int i = 0; i < Kind::FACETS; ++i) beyond[i] = far[i][k];
+            // on alone through straight cells, into the last of them or the first that is not
+            for (int move = 0; move < MOST_MOVES; ++move) {
+                const int32_t* neighbour = grid.neighbour + (int64_t)cell[k] * Kind::FACETS;
+                float most = move == 0 ? TOLERANCE : 0.5f * TOLERANCE;
+                int32_t next = -1;
+                for (int i = 0; i < Kind::FACETS; ++i) {
+                    if (beyond[i] > most && neighbour[i] >= 0) most = beyond[i], next = neighbour[i];
+                }
+                if (next < 0) break;
+                cell[k] = next;
+                moved = true;
+                if (grid.curved[next]) break;
+                const float* row = grid.map + (int64_t)next * Kind::MAP;
+                const float* inverse = row + (Kind::DIM == 2 ? 4 : 6);
+                float d[Kind::DIM], here[Kind::DIM];
+                for (int i = 0; i < Kind::DIM; ++i)
+                    d[i] = (float)(at[i][k] - ((double)row[2 * i] + (double)row[2 * i + 1]));
+                for (int i = 0; i < Kind::DIM; ++i) {
+                    here[i] = 0.0f;
+                    for (int j = 0; j < Kind::DIM; ++j) here[i] += inverse[Kind::DIM * i + j] * d[j];
+                }
+                for (int i = 0; i < Kind::FACETS; ++i) beyond[i] = Kind::outside(here, i);
             }
-            if (next >= 0) cell[k] = next, moved = true;
         }
         place.cell = load(cell);
         return moved;
@@ -267,11 +285,12 @@ INLINE void plane_sample(f8 low[8], f8 high[8], f8 slopes[16], const Place& plac
 }
 
 struct Quadrilateral : Walk<Quadrilateral> {
-    static constexpr int FACETS = 4, DIM = 2;
+    static constexpr int FACETS = 4, DIM = 2, MAP = PLANE_MAP;
 
     static INLINE void invert(const Grid& grid, const d8 p[3], Place& place) { plane_invert(grid, p, place); }
 
-    static INLINE f8 outside(const f8 at[3], int facet) {
+    template <class F>
+    static INLINE F outside(const F* at, int facet) {
         return (facet == 0 ? -at[1] : facet == 1 ? -at[0] : facet == 2 ? at[0] : at[1]) - 1.0f;
     }
 
@@ -355,12 +374,13 @@ struct Quadrilateral : Walk<Quadrilateral> {
 };
 
 struct Triangle : Walk<Triangle> {
-    static constexpr int FACETS = 3, DIM = 2;
+    static constexpr int FACETS = 3, DIM = 2, MAP = PLANE_MAP;
 
     static INLINE void invert(const Grid& grid, const d8 p[3], Place& place) { plane_invert(grid, p, place); }
 
     // facet i lies opposite to vertex i
-    static INLINE f8 outside(const f8 at[3], int facet) {
+    template <class F>
+    static INLINE F outside(const F* at, int facet) {
         return facet == 0 ? at[0] + at[1] - 1.0f : facet == 1 ? -at[0] : -at[1];
     }
 

@@ -39,10 +39,11 @@ INLINE void invert_matrix(const f8 J[3][3], f8 inverse[9]) {
     inverse[8] = (J[0][0] * J[1][1] - J[0][1] * J[1][0]) * r;
 }
 
-// sums of the lanes: fields 0-7, 8-15, slopes of the fields 4-11 along the reference coordinates,
-// and those of the velocity
+// Sums of the lanes: fields 0-7 and 8-15; of the slopes in space those that the drift needs, d_x T_L,
+// d_x L11, d_y L21, d_y L22, d_z L31, d_z L32, d_z L33, and d_y T_L, d_z T_L; the shear rates.
 struct SpaceSums {
-    f8 low[8], high[8], slope[3][8], shear[3][8];
+    f8 low[8], high[8], slope[8], shear[3][8];
+    alignas(32) float time_slope[2][8];
 };
 
 template <bool FULL>
@@ -62,19 +63,17 @@ INLINE void space_sample(SpaceSums& sums, const Rows& rows, const Place& place, 
     const f8 zero = splat(0.0f);
     for (int i = 0; i < 3; ++i) s.drift[i] = s.time_slope[i] = s.spin[i] = zero;
     if (!rows.slopes) return;
-    for (int j = 0; j < 3; ++j) transpose(sums.slope[j]);
-    const f8* m = place.inverse;
-    // derivative of a field along x_i
-    auto along = [&](int field, int i) {
-        return sums.slope[0][field] * m[i] + sums.slope[1][field] * m[3 + i] + sums.slope[2][field] * m[6 + i];
-    };
-    for (int i = 0; i < 3; ++i) s.time_slope[i] = along(0, i);
-    // of L11 L21 L22 L31 L32 L33
-    s.drift[0] = along(1, 0) + along(2, 1) + along(4, 2);
-    s.drift[1] = along(3, 1) + along(5, 2);
-    s.drift[2] = along(6, 2);
+    transpose(sums.slope);
+    const f8* d = sums.slope;
+    s.time_slope[0] = d[0];
+    s.time_slope[1] = load(sums.time_slope[0]);
+    s.time_slope[2] = load(sums.time_slope[1]);
+    s.drift[0] = d[1] + d[2] + d[4];
+    s.drift[1] = d[3] + d[5];
+    s.drift[2] = d[6];
     if (!FULL) return;
     for (int j = 0; j < 3; ++j) transpose(sums.shear[j]);
+    const f8* m = place.inverse;
     auto rate = [&](int field, int i) {
         return sums.shear[0][field] * m[i] + sums.shear[1][field] * m[3 + i] + sums.shear[2][field] * m[6 + i];
     };
@@ -83,39 +82,58 @@ INLINE void space_sample(SpaceSums& sums, const Rows& rows, const Place& place, 
     s.spin[2] = rate(1, 0) - rate(0, 1);
 }
 
-// add up the rows of the nodes of every lane: weights w[node][lane], their slopes g[3][node][lane]
+// add up the rows of the nodes of every lane: weights w[node][lane], their slopes g[3][node][lane] but for
+// tetrahedra, whose slopes are differences
 template <bool FULL, int NODES>
 INLINE void space_sums(const Grid& grid, const Rows& rows, const Place& place, f8 t,
                        const float (*w)[8], const float (*g)[NODES][8], SpaceSums& sums) {
     const f8 zero = splat(0.0f);
+    alignas(32) float m[9][8];
+    for (int i = 0; i < 9; ++i) store(m[i], place.inverse[i]);
     for (int k = 0; k < LANES; ++k) {
         const int32_t* node = grid.node + (int64_t)place.cell[k] * NODES;
         const float tk = t[k];
         f8 low = zero, high = zero, slope[3] = {zero, zero, zero}, shear[3] = {zero, zero, zero};
+        f8 corner[2][4] = {};
         for (int i = 0; i < NODES; ++i) {
             const int64_t n = node[i];
             const f8 r = rows.eight(n, 0, tk);
             low += splat(w[i][k]) * r;
             high += splat(w[i][k]) * rows.eight(n, 8, tk);
-            if (rows.slopes) {
-                const f8 q = rows.eight(n, 4, tk);
+            if (!rows.slopes) continue;
+            const f8 q = rows.eight(n, 4, tk);
+            if constexpr (NODES == 4) {
+                corner[0][i] = q;
+                if (FULL) corner[1][i] = r;
+            } else {
                 for (int j = 0; j < 3; ++j) {
                     slope[j] += splat(g[j][i][k]) * q;
                     if (FULL) shear[j] += splat(g[j][i][k]) * r;
                 }
             }
         }
+        if constexpr (NODES == 4) {
+            for (int j = 0; rows.slopes && j < 3; ++j) {
+                slope[j] = corner[0][1 + j] - corner[0][0];
+                if (FULL) shear[j] = corner[1][1 + j] - corner[1][0];
+            }
+        }
         sums.low[k] = low;
         sums.high[k] = high;
-        for (int j = 0; j < 3; ++j) {
-            sums.slope[j][k] = slope[j];
-            if (FULL) sums.shear[j][k] = shear[j];
-        }
+        if (!rows.slopes) continue;
+        f8 in_space[3];
+        for (int i = 0; i < 3; ++i)
+            in_space[i] = splat(m[i][k]) * slope[0] + splat(m[3 + i][k]) * slope[1] + splat(m[6 + i][k]) * slope[2];
+        const f8 xy = SHUFFLE(in_space[0], in_space[1], 0, 1, 10, 11, 4, 5, 6, 7);
+        sums.slope[k] = SHUFFLE(xy, in_space[2], 0, 1, 2, 3, 12, 13, 14, 15);
+        sums.time_slope[0][k] = in_space[1][0];
+        sums.time_slope[1][k] = in_space[2][0];
+        for (int j = 0; FULL && j < 3; ++j) sums.shear[j][k] = shear[j];
     }
 }
 
 struct Tetrahedron : Walk<Tetrahedron> {
-    static constexpr int FACETS = 4, DIM = 3;
+    static constexpr int FACETS = 4, DIM = 3, MAP = TETRAHEDRON_MAP;
 
     static INLINE void invert(const Grid& grid, const d8 p[3], Place& place) {
         f8 d[3];
@@ -123,7 +141,8 @@ struct Tetrahedron : Walk<Tetrahedron> {
     }
 
     // facet i lies opposite to vertex i
-    static INLINE f8 outside(const f8 at[3], int facet) {
+    template <class F>
+    static INLINE F outside(const F* at, int facet) {
         return facet == 0 ? at[0] + at[1] + at[2] - 1.0f : -at[facet - 1];
     }
 
@@ -152,22 +171,17 @@ struct Tetrahedron : Walk<Tetrahedron> {
     template <bool FULL>
     static INLINE void sample(const Grid& grid, const Rows& rows, const Place& place, f8 t, Sample& s) {
         alignas(32) float w[4][8];
-        alignas(32) float g[3][4][8];
-        const f8 *a = place.at, zero = splat(0.0f), one = splat(1.0f);
+        const f8* a = place.at;
         store(w[0], 1.0f - a[0] - a[1] - a[2]);
-        for (int i = 0; i < 3; ++i) {
-            store(w[1 + i], a[i]);
-            store(g[i][0], -one);
-            for (int j = 0; j < 3; ++j) store(g[i][1 + j], i == j ? one : zero);
-        }
+        for (int i = 0; i < 3; ++i) store(w[1 + i], a[i]);
         SpaceSums sums;
-        space_sums<FULL, 4>(grid, rows, place, t, w, g, sums);
+        space_sums<FULL, 4>(grid, rows, place, t, w, nullptr, sums);
         space_sample<FULL>(sums, rows, place, s);
     }
 };
 
 struct Hexahedron : Walk<Hexahedron> {
-    static constexpr int FACETS = 6, DIM = 3;
+    static constexpr int FACETS = 6, DIM = 3, MAP = HEXAHEDRON_MAP;
 
     static INLINE void invert(const Grid& grid, const d8 p[3], Place& place) {
         f8 d[3];
@@ -210,7 +224,8 @@ struct Hexahedron : Walk<Hexahedron> {
         for (int i = 0; i < 9; ++i) place.inverse[i] = select(curved, inverse[i], place.inverse[i]);
     }
 
-    static INLINE f8 outside(const f8 at[3], int facet) {
+    template <class F>
+    static INLINE F outside(const F* at, int facet) {
         return (facet < 3 ? -at[2 - facet] : at[facet - 3]) - 1.0f;
     }
 
