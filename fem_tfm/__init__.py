@@ -39,8 +39,8 @@ if TYPE_CHECKING:
     from fem_tfm.models.slug.tube import Conveying
     from fem_tfm.models.two_fluid.model import SectionTerms, TwoFluid
     from fem_tfm.operation import Feed, Initial, Inlet
+    from fem_tfm.output.particles.tracked import Tracked
     from fem_tfm.output.result import Result
-    from fem_tfm.output.tracked import Tracked
     from fem_tfm.scenes.developed import Developed
     from fem_tfm.scenes.developing import Developing
     from fem_tfm.scenes.slug.scene import Averages, Slug, TubeNumerics, TubeStart
@@ -86,7 +86,7 @@ _HOMES = {
     "SolverError": "errors",
     "SteadyNumerics": "scenes.statement",
     "TimeNumerics": "scenes.statement",
-    "Tracked": "output.tracked",
+    "Tracked": "output.particles.tracked",
     "TubeGas": "models.slug.gas",
     "TubeNumerics": "scenes.slug.scene",
     "TubeStart": "scenes.slug.scene",

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from fem_tfm import Case, Result, Tracked
-from fem_tfm.output.particle_pictures import groups
+from fem_tfm.output.particles.pictures import groups
 
 HERE = Path(__file__).parent
 COLUMNS = (

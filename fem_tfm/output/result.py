@@ -22,7 +22,7 @@ from fem_tfm.output.files import write_text
 
 if TYPE_CHECKING:
     from fem_tfm.output.fields import Snapshot
-    from fem_tfm.output.tracked import Tracked
+    from fem_tfm.output.particles.tracked import Tracked
 
 STATUSES = ("converged", "finished", "failed", "interrupted")
 

@@ -17,9 +17,9 @@ from mpi4py import MPI
 from fem_tfm.errors import InputError, TimeIsUp
 from fem_tfm.geometry.section import RectangularSection
 from fem_tfm.output import checkpoint, lock
-from fem_tfm.output import tracked as of_particles
 from fem_tfm.output.files import on_root, write_text
-from fem_tfm.output.particle_pictures import deposition_picture, particle_picture
+from fem_tfm.output.particles import tracked as of_particles
+from fem_tfm.output.particles.pictures import deposition_picture, particle_picture
 from fem_tfm.output.profiles import Monitor
 from fem_tfm.output.result import Result, cpu_seconds, peak_memory_mb, versions
 from fem_tfm.progress import Progress

@@ -16,8 +16,8 @@ from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.models.carrier import LineCarrier
 from fem_tfm.models.particles.cloud import INSIDE, OUT, Parcels
 from fem_tfm.models.particles.tracker import Impacts
-from fem_tfm.output.tracked import Moment
-from fem_tfm.output.wear import WearMap
+from fem_tfm.output.particles.tracked import Moment
+from fem_tfm.output.particles.wear import WearMap
 from fem_tfm.scenes.particles.tracking import Tracking
 
 # stretches of time in which the gas goes from one place that is told to the next, and the longest

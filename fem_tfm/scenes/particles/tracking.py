@@ -19,8 +19,8 @@ from fem_tfm.models.particles.sinks import Sinks
 from fem_tfm.models.particles.tracker import Forces, Impacts, Tracker
 from fem_tfm.models.reynolds_stress.exchange import Exchange
 from fem_tfm.models.reynolds_stress.heat import GasHeat
-from fem_tfm.output.tracked import Moment, Tracked
-from fem_tfm.output.wear import WearMap
+from fem_tfm.output.particles.tracked import Moment, Tracked
+from fem_tfm.output.particles.wear import WearMap
 from fem_tfm.scenes.particles.words import gas_flow
 
 type Floats = NDArray[np.float64]

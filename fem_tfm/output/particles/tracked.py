@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fem_tfm.output.files import replaced
+from fem_tfm.output.particles.wear import WearMap
 from fem_tfm.output.profiles import write_profiles
-from fem_tfm.output.wear import WearMap
 
 FILES = (
     "particles.csv", "entries.csv", "trajectories.vtu", "cloud.vtu", "deposits.csv", "wear.csv",

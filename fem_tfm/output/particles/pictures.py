@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from fem_tfm.output.particles.tracked import FATES, Tracked, trajectories
 from fem_tfm.output.pictures import save_figure
-from fem_tfm.output.tracked import FATES, Tracked, trajectories
 
 POINTS = 4000
 # groups of entries by their place: core, along a wall, near a corner

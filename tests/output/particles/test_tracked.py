@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from fem_tfm.output import tracked as module
-from fem_tfm.output.particle_pictures import (
+from fem_tfm.output.particles import tracked as module
+from fem_tfm.output.particles.pictures import (
     GROUPS,
     deposition_picture,
     groups,
     particle_picture,
 )
-from fem_tfm.output.tracked import FATES, Moment, Tracked
+from fem_tfm.output.particles.tracked import FATES, Moment, Tracked
 
 OUT, DEPOSITED = FATES.index("out"), FATES.index("deposited")
 
