@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+import fem_tfm as ft
 from fem_tfm import Case
 from fem_tfm.output.result import Result
 from fem_tfm.scenes.developing import LineRecorder
+from fem_tfm.scenes.particles.tracking import Tracking, carrier_of
 
 COMM = MPI.COMM_WORLD
 ASH = {"name": "ash", "density": 1800, "diameter": 1.4e-4, "velocity": 2.8}
@@ -220,3 +222,55 @@ def test_a_straight_line_in_space_carries_like_its_section() -> None:
     assert np.abs(velocity / 10.0 - 1).max() < 0.15
     assert tracked.residence_time("middle") == pytest.approx(0.06, rel=0.1)
     assert len(tracked.wear.sums) == 60 if tracked.wear else False
+
+
+def test_a_thin_cloud_slips_like_the_dispersed_phase_of_two_fluids() -> None:
+    pipe = ft.Pipe(0.1, length=20.0, inclination_deg=90.0)
+    gas, sand = ft.Gas(1.2, 1.8e-5), ft.Solids(density=2500, diameter=2e-4, restitution=0.9)
+    laws = {"turbulence": "k-epsilon", "dispersion": "none", "solids_wall": "free-slip"}
+    model = ft.TwoFluid(gas, sand, drag="schiller-naumann", **laws)
+    cloud = ft.Cloud(
+        (ft.Material("sand", 2500, 2e-4, mass_flow=1e-4, velocity=9.0),),
+        forces=("drag", "gravity"),
+        drag="schiller-naumann",
+        parcels=3000,
+        stations=10,
+    )
+    feed = ft.Feed(10.0, solids_mass_flow=1e-4)
+    scene = ft.Developed(model, pipe, feed, particles=cloud, resolution=ft.Resolution(level=1))
+    recorder = scene.recorder()
+    answer = scene.solve(recorder)
+    tracking = Tracking(scene, carrier_of(scene, answer.state.solution.section), COMM)
+    tracking.carrier.update()
+    tracking.to(20.0)
+    parcels = tracking.parcels
+    seen = parcels.memory[:, 2].astype(float)
+    slip = COMM.allreduce(float(np.sum(seen - parcels.v[:, 2]))) / 3000
+    # eddies that particles cross make the drag at the mean slip a little larger
+    assert slip == pytest.approx(answer.quantities["slip_velocity"], rel=0.05)
+    answer.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "density", "diameter", "drop", "velocity"),
+    [
+        ("quartz", 2500, 5.0e-4, 2128.0, 20.37),
+        ("ash", 1800, 1.4e-4, 2182.0, 20.91),
+        ("flour", 1410, 2.0e-4, 2184.0, 20.86),
+    ],
+)
+def test_the_published_duct_coupled_both_ways(
+    name: str, density: float, diameter: float, drop: float, velocity: float
+) -> None:
+    demo = Path(__file__).parents[2] / "demos/square_duct/two_way.toml"
+    material = {"name": name, "density": density, "diameter": diameter, "velocity": 2.8}
+    one = Case.load(demo).with_values({"particles.materials": [material]})
+    found = one.with_values({"output.pictures": False, "output.xdmf": False}).scene.run()
+    assert found["pressure_drop"] == pytest.approx(drop, rel=0.01)
+    assert found[f"particle_exit_velocity_{name}"] == pytest.approx(velocity, rel=0.01)
+    parts = [found[f"{part}_drop"] for part in ("friction", "particle", "flux")]
+    assert sum(parts) == pytest.approx(found["pressure_drop"], rel=1e-6)
+    assert found.balances["particle_momentum"] < 1e-10
+    tracked = found.tracked
+    assert tracked is not None and tracked.counts()["out"] == 72000
