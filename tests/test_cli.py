@@ -299,7 +299,7 @@ def test_keys_tells_who_reads(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["keys", "output.stations"]) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert "'dense' with solution = 'developing', or flow = 'duct' with solution = 'dev" in out
-    assert main(["keys", "numerics.level"]) == 0
+    assert main(["keys", "title"]) == 0
     assert "read by every scene" in capsys.readouterr().out
 
 

@@ -290,7 +290,7 @@ BAD = [
     ("geometry.bend_radius", 0.1, "with solution = 'unsteady' reads it"),
     ("operation.gas_schedule", [[0, 0], [1, 1]], "with solution = 'unsteady' reads it"),
     ("geometry.symmetry", "quarter", "one of auto, half, none"),
-    ("flow", "slug", "one of dense"),
+    ("flow", "slurry", "one of dense"),
     ("solution", "develop", "did you mean 'developed'?"),
     ("gas.species", "n2", "did you mean 'N2'?"),
     ("closures.drag", "wen-yo", "did you mean 'wen-yu'?"),
@@ -567,7 +567,7 @@ def test_an_unsteady_flow_that_cannot_be_is_refused(
 
 def test_a_duct_is_not_unsteady(dense: dict[str, Any]) -> None:
     del dense["solids"]
-    with pytest.raises(InputError, match="flow 'dense' beside it"):
+    with pytest.raises(InputError, match="flow 'slug' or 'dense' beside it"):
         Case.from_dict(
             {
                 **dense,

@@ -16,6 +16,7 @@ from fem_tfm.geometry.mesh import section_mesh
 from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.section import RectangularSection, RoundSection
 from fem_tfm.materials import Solids
+from fem_tfm.models.particles import shapes
 from fem_tfm.models.particles.cloud import Parcels
 from fem_tfm.models.particles.field import Field, cholesky
 from fem_tfm.models.particles.grid import Gathered, neighbours
@@ -153,3 +154,20 @@ def test_unknown_cells_are_refused() -> None:
 
     with pytest.raises(InputError, match="quadrilateral"):
         cell_of(create_interval(MPI.COMM_SELF, 2, (0.0, 1.0)))
+
+
+@pytest.mark.parametrize("cell", [shapes.QUADRILATERAL, shapes.TRIANGLE], ids=["quad", "tri"])
+def test_steep_positive_values_stay_positive_in_between(cell: shapes.Cell) -> None:
+    at = cell.reference
+    # linear values are kept by the weights of the vertices
+    plane = 2.0 + at @ np.array([0.3, -0.4])
+    assert cell.linear @ plane == pytest.approx(plane)
+    # a value that falls twentyfold within a third of the cell undershoots with degree two
+    low, high = at.min(), at.max()
+    share = (at[:, 0] - low) / (high - low)
+    steep = np.where(share > 0.9, 20.0, 1.0)
+    table = np.stack([shapes.monomial(at, p) for p in ((0, 0), *cell.powers)], axis=1)
+    some = low + (high - low) * np.array([[0.25, 0.0], [0.2, 0.1], [0.3, 0.05]])
+    there = np.stack([shapes.monomial(some, p) for p in ((0, 0), *cell.powers)], axis=1)
+    assert (there @ np.linalg.solve(table, steep)).min() < 0
+    assert (there @ np.linalg.solve(table, cell.linear @ steep)).min() >= 1.0 - 1e-12

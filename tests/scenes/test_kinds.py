@@ -40,6 +40,13 @@ CASES = {
     ("dense", "unsteady"): PIPE | {"solution": "unsteady", "numerics": {"end_time": 0.5}},
     ("duct", "developed"): DUCT,
     ("duct", "developing"): DUCT | {"solution": "developing"},
+    ("slug", "unsteady"): {
+        "flow": "slug",
+        "geometry": {"diameter": 0.007, "length": 0.1},
+        "gas": {"viscosity": 6.73e-5},
+        "solids": {"density": 937.0, "diameter": 1.4e-3},
+        "operation": {"gas_superficial_velocity": 1.0, "solids_mass_flow": 6.9e-4},
+    },
 }
 # values of keys that have no default, or one that is no value
 VALUES = {"geometry.bend_radius": 0.05, "numerics.end_time": 0.5, "solids.density": 1700.0}

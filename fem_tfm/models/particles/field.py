@@ -68,7 +68,7 @@ class Field:
         if stress is not None and time is not None:
             factor, self.clipped = cholesky(stress)
             rows[:, FACTOR] = factor[:, LOWER[0], LOWER[1]]
-            rows[:, TIME], rows[:, RATE] = self.grid.linear(time), self.grid.linear(1 / time)
+            rows[:, TIME], rows[:, RATE] = self.grid.positive(time), self.grid.positive(1 / time)
         rows[:, STRIP] = strip
         rows[:, TEMPERATURE] = temperature
         rows[:, PRESSURE] = pressure_gradient

@@ -32,6 +32,8 @@ type Integers = npt.NDArray[np.int32]
 STRAIGHT = 1e-9
 # bins of the search along each axis for a cell
 BINS = {2: 2.0, 3: 1.5}
+# ratio of nodal values in a cell up to which their interpolant of degree two is positive
+STEEP = 4.0
 FOLDS = {"none": 0, "half": 1, "quarter": 2}
 # walls as the kernel numbers them
 WALLS = {"none": 0, "rectangle": 1, "circle": 2, "planes": 3, "bent rectangle": 4, "bent circle": 5}
@@ -146,13 +148,15 @@ class Grid:
         """Areas [m2] or volumes [m3] of the cells."""
         return self.cell.sizes(self.points[self.nodes])
 
-    def linear(self, values: Floats) -> Floats:
-        """Nodal values whose interpolant is linear between vertices, from those at the nodes (n,).
+    def positive(self, values: Floats) -> Floats:
+        """Positive nodal values (n,) whose interpolant is positive in between, too.
 
-        Positive values stay positive in between, which those of degree two need not.
+        One of degree two may fall below zero where they differ much; in such cells it becomes the
+        linear one of the vertices.
         """
-        found = np.empty_like(values)
-        found[self.nodes] = values[self.nodes] @ self.cell.linear.T
+        found, inside = values.copy(), values[self.nodes]
+        steep = inside.max(axis=1) > STEEP * inside.min(axis=1)
+        found[self.nodes[steep]] = inside[steep] @ self.cell.linear.T
         return found
 
     def _bins(self) -> tuple[Floats, Floats, npt.NDArray[np.int64], Integers]:
