@@ -296,9 +296,10 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
         check_cache(setting.comm)
         if setting.out is not None:
             prepare(self, setting, overwrite)
-        recorder = self.recorder(setting)
         for sentence in self.warnings():
             setting.progress.warn(sentence)
+        # last, for from here on an interruption leaves a result
+        recorder = self.recorder(setting)
         return _drive(self, recorder, previous)
 
 
