@@ -128,7 +128,9 @@ class Cloud(Parameters):
     )
     parcels: int = parameter(500, doc="parcels of each point, or of the area", ge=1, le=10**7)
     seed: int = parameter(1, doc="of the random numbers", ge=0, le=2**32 - 1)
-    forces: tuple[Force, ...] = parameter(("drag",), doc="forces beside the drag")
+    forces: tuple[Force, ...] = parameter(
+        ("drag",), doc="forces on a particle; the drag acts in any case"
+    )
     drag: Drag = law("drag", "clift-gauvin", "drag of a particle", "particles.drag")
     dispersion: ParticleDispersion = law(
         "particle-dispersion", "langevin", "scattering by turbulence", "particles.dispersion"

@@ -398,6 +398,9 @@ def _finish(scene: Scene[Any, Any], answer: Answer, recorder: Recorder) -> Resul
     if (tracked := recorder.tracked) is not None:
         told |= tracked.quantities()
         known |= tracked.errors()
+        for sentence in tracked.warnings():
+            recorder.progress.warn(sentence)
+            result.warnings.append(sentence)
     errors = dict.fromkeys(told) | known
     result.quantities = with_references(scene, told, errors, answer.references)
     result.balances = dict(answer.balances)

@@ -37,7 +37,7 @@ def scene(cls: Any = ft.Developed, *, material: ft.Material | None = None, **clo
             "0.2",
         ),
         ({}, {"mass_flow": 4000.0}, "materials[0].velocity", "flow = 'dense'"),
-        ({}, {"velocity": 0.0}, "materials[0].velocity", "less than 0.1 of the volume"),
+        ({}, {"velocity": 0.0}, "materials[0].velocity", "above 0, or nothing enters"),
     ],
 )
 def test_a_cloud_that_does_not_fit_is_refused(
@@ -81,7 +81,7 @@ def test_few_parcels_of_a_coupled_cloud_are_told() -> None:
 
 def test_a_description_tells_of_the_particles() -> None:
     told = scene().describe()
-    assert "ash: 500 parcels each, one-way, loading 0.00947" in told["particles"]
+    assert "ash 0.01 kg/s: 500 parcels each, one-way, loading 0.00947" in told["particles"]
     assert "particle-dispersion: langevin" in told["closures"]
     assert any("weight of the particles" in text for text in told["skipped"])
     without = ft.Developed(MODEL, DUCT, ft.Feed(22.0)).describe()

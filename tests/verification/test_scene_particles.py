@@ -274,3 +274,31 @@ def test_the_published_duct_coupled_both_ways(
     assert found.balances["particle_momentum"] < 1e-10
     tracked = found.tracked
     assert tracked is not None and tracked.counts()["out"] == 72000
+
+
+def test_grains_that_fall_back_are_told_and_end() -> None:
+    falling = {"name": "g", "density": 2600, "diameter": 1e-3, "velocity": 1.0, "loading": 0.01}
+    one = developed(
+        **{
+            "flow": "dense",
+            "geometry.shape": "pipe",
+            "geometry.width": None,
+            "geometry.diameter": 0.05,
+            "geometry.inclination_deg": 90.0,
+            "geometry.length": 2.0,
+            "operation.gas_superficial_velocity": 0.5,
+            "walls.distance": None,
+            "particles.forces": ["drag", "gravity"],
+            "particles.parcels": 20,
+            "particles.materials": [falling],
+        }
+    )
+    found = run(one)
+    assert found.tracked is not None and found.tracked.counts()["out"] == 0
+    assert any("of 20 parcels of g 0 arrive" in text for text in found.warnings)
+
+
+def test_the_friction_of_a_coupled_gas_is_that_of_its_walls(coupled: Result) -> None:
+    alone = run(case(**{"particles": None}))["friction_factor"]
+    # the particles take ten times as much of the gradient, which is no friction
+    assert coupled["friction_factor"] == pytest.approx(alone, rel=0.5)

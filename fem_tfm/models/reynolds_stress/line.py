@@ -181,6 +181,10 @@ class ReynoldsStressLine(Line):
             setup.gas_velocity,
             station.pressure_gradient,
         )
+        # particles take a part of the drive, which is no friction
+        braking = drive
+        if station.exchange is not None:
+            braking += station.particle_force() / station.area
         transported = setup.law.transported
         sampled = [station.unknown(name) for name in ("u", "r" if transported else "q")]
         u, r = (values[0] for values in point_values(sampled, np.zeros((1, 2))))
@@ -191,7 +195,7 @@ class ReynoldsStressLine(Line):
             "pressure": self.sums.now["head"],
             **self.drops(),
             "pressure_gradient": math.nan if inlet else self.density * drive,
-            "friction_factor": math.nan if inlet else 2 * drive * width / speed**2,
+            "friction_factor": math.nan if inlet else 2 * braking * width / speed**2,
             "centre_to_bulk": float(u[2]) / speed,
             "max_to_bulk": self.extreme("u", largest=True) / speed,
             "secondary_velocity_max": secondary(station),

@@ -62,13 +62,18 @@ def particle_picture(
 
 
 def _trajectories(axes: Any, tracked: Tracked, name: str, size: Sequence[float]) -> None:
-    """Height over the way, coloured by the axial velocity."""
+    """Height over the way, coloured by the speed."""
     chosen, image = tracked.of(name), None
     for number, line in trajectories(tracked):
         if chosen[number] and len(line) > 1:
             axes.plot(line[:, 3], 1e3 * line[:, 2], color="#bbbbbb", linewidth=0.5, zorder=1)
             image = axes.scatter(
-                line[:, 3], 1e3 * line[:, 2], c=line[:, 6], s=2, cmap="viridis", zorder=2
+                line[:, 3],
+                1e3 * line[:, 2],
+                c=np.linalg.norm(line[:, 4:], axis=1),
+                s=2,
+                cmap="viridis",
+                zorder=2,
             )
     if image is not None:
         image.set_clim(0, max(float(tracked.column(name, "fastest").max()), 1e-9))
@@ -77,7 +82,7 @@ def _trajectories(axes: Any, tracked: Tracked, name: str, size: Sequence[float])
     axes.set_ylim(min(low, -500 * size[1]), max(high, 500 * size[1]))
     axes.set_xlabel("z [m]", fontsize=8)
     axes.set_ylabel("y [mm]", fontsize=8)
-    axes.set_title(f"{name}: trajectories", fontsize=9)
+    axes.set_title(f"{name}: trajectories, bright where fast", fontsize=9)
 
 
 def _section(axes: Any, size: Sequence[float]) -> None:
@@ -113,8 +118,11 @@ def _outlet(axes: Any, tracked: Tracked, name: str, size: Sequence[float]) -> No
         at[:, 0], at[:, 1], c=tracked.last.along[some], s=2, cmap="viridis", linewidths=0
     )
     _section(axes, size)
-    bar = axes.figure.colorbar(image, ax=axes, shrink=0.8)
-    bar.ax.tick_params(labelsize=7)
+    if len(some):
+        bar = axes.figure.colorbar(image, ax=axes, shrink=0.8)
+        bar.ax.tick_params(labelsize=7)
+    else:
+        axes.text(0.5, 0.5, "nothing arrives", transform=axes.transAxes, ha="center", fontsize=8)
     axes.set_title("outlet, axial velocity [m/s]", fontsize=9)
 
 

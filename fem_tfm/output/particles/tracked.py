@@ -116,7 +116,9 @@ class Tracked:
         self.status = np.zeros(len(self.material), dtype=np.int8)
 
     def of(self, name: str) -> NDArray[np.bool_]:
-        """Which parcels are of a material."""
+        """Which parcels are of a material; raises KeyError for a name that there is not."""
+        if name not in self.materials:
+            raise KeyError(f"no material {name!r}; there are {', '.join(self.materials)}")
         return np.asarray(self.material == self.materials.index(name))
 
     def take(self, moment: Moment, status: NDArray[np.int8]) -> None:
@@ -219,6 +221,20 @@ class Tracked:
         """How many parcels had each fate; their sum is what entered."""
         status = self.status if name is None else self.status[self.of(name)]
         return {fate: int((status == n).sum()) for n, fate in enumerate(FATES)}
+
+    def warnings(self) -> list[str]:
+        """Materials of which parcels neither arrive nor stay on the wall, one sentence each."""
+        said = []
+        for name in self.materials:
+            counts = self.counts(name)
+            gone = {f: n for f, n in counts.items() if n and f not in ("out", "deposited")}
+            if gone:
+                told = ", ".join(f"{number} {fate}" for fate, number in gone.items())
+                said.append(
+                    f"of {sum(counts.values())} parcels of {name} {counts['out']} arrive at the"
+                    f" outlet; the others: {told} (stuck: no way made, lost: left the line)"
+                )
+        return said
 
     def balances(self) -> dict[str, float]:
         """Share of the mass flow that has entered and has no fate [-]."""

@@ -16,7 +16,7 @@ from fem_tfm.models.carrier import Carrier, ReynoldsStressCarrier, SectionCarrie
 from fem_tfm.models.particles.cloud import INSIDE, OUT, Parcels
 from fem_tfm.models.particles.field import TIME
 from fem_tfm.models.particles.sinks import Sinks
-from fem_tfm.models.particles.tracker import Forces, Impacts, Tracker
+from fem_tfm.models.particles.tracker import Forces, Impacts, Steps, Tracker
 from fem_tfm.models.reynolds_stress.exchange import Exchange
 from fem_tfm.models.reynolds_stress.heat import GasHeat
 from fem_tfm.output.particles.tracked import Moment, Tracked
@@ -25,6 +25,8 @@ from fem_tfm.scenes.particles.words import gas_flow
 
 type Floats = NDArray[np.float64]
 ADDED_MASS = 0.5
+# steps after which a parcel counts as stuck; ash takes 7 on every diameter of the published duct
+MOST_STEPS, STEPS_A_DIAMETER = 2000, 200
 
 
 def forces_of(scene: Any) -> Forces:
@@ -92,6 +94,7 @@ class Tracking:
             forces_of(scene),
             cloud.dispersion,
             cloud.impact,
+            Steps(max_steps=MOST_STEPS + round(STEPS_A_DIAMETER * self._diameters(scene))),
             seed=cloud.seed,
             heat_capacity=[one.heat_capacity for one in cloud.materials],
         )
@@ -114,6 +117,10 @@ class Tracking:
         self.wear = WearMap(scene.geometry.section("none").perimeter) if cloud.wear else None
         self.tracked.wear = self.wear
         self.impacts: Impacts | None = None
+
+    @staticmethod
+    def _diameters(scene: Any) -> float:
+        return float(scene.geometry.length / scene.geometry.hydraulic_diameter)
 
     def to(
         self,

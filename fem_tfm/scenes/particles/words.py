@@ -75,6 +75,9 @@ def check(scene: Any, two_way: bool) -> None:
         if largest >= min(width, height):
             words = f"a diameter below {min(width, height):g} m, to fit in the section"
             raise InputError(f"{key}.diameter", largest, words)
+        if material.velocity == 0:
+            words = "a velocity above 0, or nothing enters"
+            raise InputError(f"{key}.velocity", material.velocity, words)
         fraction = entrance_fraction(scene, material)
         if not fraction < DENSE:
             words = (
@@ -132,7 +135,8 @@ def words(scene: Any) -> str:
     cloud: Cloud = scene.particles
     count = cloud.parcels * cloud.entries
     loading = cloud.loading(gas_flow(scene))
-    names = ", ".join(m.name for m in cloud.materials)
+    flow = gas_flow(scene)
+    names = ", ".join(f"{m.name} {cloud.mass_flow(m, flow):.3g} kg/s" for m in cloud.materials)
     total = count * len(cloud.materials)
     # eddies live for some 0.2 k/eps, about a twentieth of the time to cross the section
     eddies = 20 * scene.geometry.length / scene.geometry.hydraulic_diameter
