@@ -85,3 +85,16 @@ def test_functions_are_short(root: Path) -> None:
                 if lines > MOST_LINES:
                     long.append(f"{path.name}: {node.name} has {lines} lines")
     assert not long
+
+
+def test_no_room_asks_the_face_of_the_package(root: Path) -> None:
+    """It names what stands above, so only modules and folders are taken through it."""
+    wrong = []
+    for path in (root / "fem_tfm").rglob("*.py"):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        froms = [n for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)]
+        names = {alias.name for n in froms if n.module == "fem_tfm" for alias in n.names}
+        entries = (root / "fem_tfm").iterdir()
+        rooms = {entry.stem for entry in entries if entry.is_dir() or entry.suffix == ".py"}
+        wrong += [(path.name, name) for name in names - rooms]
+    assert not wrong

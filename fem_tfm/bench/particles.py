@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from mpi4py import MPI
 
-from fem_tfm import _kernel
+import fem_tfm._kernel as _kernel
 from fem_tfm.bench.demo import demo
 from fem_tfm.bench.error import tell
 from fem_tfm.closures.particles.dispersion import Eddies, Langevin, MeanFlow, ParticleDispersion

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_tfm import _kernel
+import fem_tfm._kernel as _kernel
 
 if TYPE_CHECKING:
     from fem_tfm.models.particles.shapes import Cell

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from fem_tfm import _kernel
+import fem_tfm._kernel as _kernel
 from fem_tfm.models.particles.grid import Floats, Grid
 
 # places in a row

@@ -17,7 +17,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from scipy.spatial import cKDTree
 
-from fem_tfm import _kernel
+import fem_tfm._kernel as _kernel
 from fem_tfm.errors import InputError
 from fem_tfm.geometry.arc import Arc
 from fem_tfm.geometry.mesh import Mesh

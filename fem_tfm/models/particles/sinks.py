@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from mpi4py import MPI
 
-from fem_tfm import _kernel
+import fem_tfm._kernel as _kernel
 from fem_tfm.models.particles.cloud import Parcels
 from fem_tfm.models.particles.grid import Floats, Grid
 

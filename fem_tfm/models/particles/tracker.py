@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from fem_tfm import _kernel
+import fem_tfm._kernel as _kernel
 from fem_tfm.closures.base import Closure, law
 from fem_tfm.closures.drag import Drag, stokes
 from fem_tfm.closures.particles.dispersion import ParticleDispersion
