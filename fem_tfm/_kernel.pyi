@@ -7,6 +7,9 @@ import numpy.typing as npt
 ROW: int
 FACE: int
 SUMS: int
+PAIRS: int
+PARTNER: int
+PARTNER_SIZES: int
 CHUNK: int
 DRAG_FIRST: int
 DRAG_OCTAVES: int
@@ -44,4 +47,4 @@ def advance(
     threads: int,
     first: int,
     seconds: float,
-) -> tuple[int, int, int, int]: ...
+) -> tuple[int, int, int, int, int]: ...

@@ -17,6 +17,7 @@ from scipy.stats import qmc
 
 from fem_tfm.closures.base import Closure, law, optional_law
 from fem_tfm.closures.drag import Drag
+from fem_tfm.closures.particles.collisions import ParticleCollisions
 from fem_tfm.closures.particles.dispersion import ParticleDispersion
 from fem_tfm.closures.particles.impact import ImpactLaw
 from fem_tfm.closures.particles.wear import Wear
@@ -139,6 +140,11 @@ class Cloud(Parameters):
     wear: Wear | None = parameter(
         None, doc="wear of the walls, none without a law", convert=optional_law("wear")
     )
+    collisions: ParticleCollisions | None = parameter(
+        None,
+        doc="collisions between particles, none without a law",
+        convert=optional_law("particle-collisions"),
+    )
     heat: bool = parameter(False, doc="particles exchange heat with the gas")
     modulation: bool = parameter(False, doc="particles damp the turbulence of the gas")
     lateral: bool = parameter(False, doc="particles push the gas across the axis too")
@@ -176,8 +182,8 @@ class Cloud(Parameters):
 
     def laws(self) -> list[Closure]:
         """The laws that are used."""
-        wear = [] if self.wear is None else [self.wear]
-        return [self.drag, self.dispersion, self.impact, *wear]
+        options = [law for law in (self.wear, self.collisions) if law is not None]
+        return [self.drag, self.dispersion, self.impact, *options]
 
     def mass_flow(self, material: Material, gas_flow: float) -> float:
         """Mass flow of a material [kg/s] beside that of the gas [kg/s]."""

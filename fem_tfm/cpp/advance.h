@@ -13,6 +13,7 @@
 #pragma once
 
 #include "impact.h"
+#include "meet.h"
 #include "space.h"
 
 namespace KERNEL_NAMESPACE {
@@ -27,7 +28,7 @@ struct Lanes {
     alignas(32) uint32_t step[8], low[8], high[8];
     uint32_t bounces[8];
     alignas(64) double omega[3][8], temperature[8], mass[8];
-    alignas(32) float ratio[8], light[8], conduct[8], capacity[8];
+    alignas(32) float ratio[8], light[8], conduct[8], capacity[8], meetings[8];
     unsigned active;
 };
 
@@ -72,6 +73,7 @@ INLINE void settle_lane(const Job& job, Lanes& s, int k, int32_t i) {
     s.high[k] = (uint32_t)((uint64_t)c.id[i] >> 32);
     s.index[k] = i;
     s.count[k] = 0;
+    s.meetings[k] = 0;
 }
 
 INLINE void write_lane(const Job& job, const Lanes& s, int k, int8_t status) {
@@ -216,6 +218,10 @@ struct Stepper {
         }
         Kind::template sample<FULL>(job.grid, rows, place, share, g);
         if (Kind::DIM == 2) slopes(g, mirror);
+        if (job.with_pairs) {
+            meet(g, mirror, place.cell, dt);
+            for (int i = 0; i < 3; ++i) v[i] = load(s.v[i]), vf[i] = to_float(v[i]);
+        }
         f8 u[3];
         seen(g, mirror, dt, vf, u, ue);
         // drag
@@ -259,6 +265,7 @@ struct Stepper {
         store(s.time, load(s.time) + dt_d);
         store(s.step, load(s.step) + 1u);
         if (FULL) heat_and_spin(g, place.cell, re, dt, spin);
+        if (job.with_pairs) book_numbers(place.cell, mirror, dt, speed);
         if (job.with_sinks) book(place.cell, mirror, dt, way, gain, v, lag, b, slip, body);
         next_step(g, place, target, middle, speed, mirror, b);
         const i8 hit = outside(target);
@@ -680,6 +687,98 @@ struct Stepper {
         }
     }
 
+    // Collisions half-way. What lies beyond a wall meets the mirrored cloud there.
+    __attribute__((noinline)) void meet(const Sample& g, const Mirror& m, i8 cell, f8 dt) {
+        const Options& o = job.options;
+        Meeting now;
+        f8 w[3], spin[3], hand = m.sign[0] * m.sign[1];
+        for (int i = 0; i < 3; ++i) w[i] = to_float(load(s.v[i])), spin[i] = to_float(load(s.omega[i]));
+        unfold(m, w, spin, hand);
+        for (int i = 0; i < 3; ++i) {
+            store(now.w[i], w[i]);
+            store(now.omega[i], spin[i]);
+        }
+        f8 noise[3], chance;
+        normals(philox(load(s.low), load(s.high), load(s.step), 2, o.seed), noise, chance);
+        const Words more = philox(load(s.low), load(s.high), load(s.step), 3, o.seed);
+        for (int i = 0; i < 3; ++i) store(now.noise[i], noise[i]);
+        for (int i = 0; i < 4; ++i) store(now.pick[i], uniform(more.w[i]));
+        store(now.chance, chance);
+        f8 shared = splat(0.0f);
+        if (o.dispersion != kernel::Dispersion::none && o.pair_correlation > 0) {
+            const f8 stokes = smaller(larger(g.rate / larger(load(s.rate), splat(1e-12f)), splat(1e-8f)), splat(1e8f));
+            shared = exponential(-(float)o.pair_correlation * exponential_any(0.4f * logarithm(stokes)));
+        }
+        store(now.shared, shared);
+        unsigned hit = 0;
+        for (unsigned left = s.active; left; left &= left - 1) {
+            const int k = __builtin_ctz(left);
+            const int material = s.table[k] / kernel::DRAG_ROWS;
+            const double d = 2 * s.radius[k], rho = s.mass[k] / (0.5235987755982989 * d * d * d);
+            if (!meet_lane(job, now, k, cell[k], material, d, rho, dt[k])) continue;
+            hit |= 1u << k;
+            const int64_t row = (int64_t)material * job.grid.count + cell[k];
+            out.sinks.pairs[row * kernel::PAIRS + 7] += whole(s.weight[k] / s.mass[k] * job.scales.events);
+        }
+        store(s.meetings, load(now.frequency));
+        out.counts.collisions += __builtin_popcount(hit);
+        if (hit) change(m, now, hit);
+    }
+
+    // velocity and rotation into the frame of the part that is solved and back
+    INLINE void unfold(const Mirror& m, f8 w[3], f8 spin[3], f8 hand) {
+        for (int i = 0; i < 2; ++i) w[i] *= m.sign[i], spin[i] *= m.sign[i];
+        if (m.any_beyond) {
+            mirror_vector(m, w);
+            mirror_vector(m, spin);
+            for (int i = 0; i < 2; ++i) hand = select(m.beyond[i], -hand, hand);
+        }
+        for (int i = 0; i < 3; ++i) spin[i] *= hand;
+    }
+
+    void change(const Mirror& m, Meeting& now, unsigned hit) {
+        for (int k = 0; k < LANES; ++k) {
+            if (hit >> k & 1) continue;
+            for (int i = 0; i < 3; ++i) now.change[i][k] = now.turn[i][k] = 0.0f;
+        }
+        f8 w[3], spin[3], hand = m.sign[0] * m.sign[1];
+        for (int i = 0; i < 3; ++i) w[i] = load(now.change[i]), spin[i] = load(now.turn[i]);
+        // mirrored first, folded after
+        if (m.any_beyond) {
+            mirror_vector(m, w);
+            mirror_vector(m, spin);
+            for (int i = 0; i < 2; ++i) hand = select(m.beyond[i], -hand, hand);
+        }
+        for (int i = 0; i < 2; ++i) w[i] *= m.sign[i], spin[i] *= m.sign[i];
+        for (int i = 0; i < 3; ++i) {
+            store(s.v[i], load(s.v[i]) + to_double(w[i]));
+            store(s.omega[i], load(s.omega[i]) + to_double(spin[i] * hand));
+        }
+    }
+
+    // numbers of a step by material and cell
+    INLINE void book_numbers(i8 cell, const Mirror& m, f8 dt, const d8 speed[3]) {
+        const kernel::Sinks& scale = job.scales;
+        f8 w[3];
+        for (int i = 0; i < 3; ++i) w[i] = to_float(speed[i]);
+        for (int i = 0; i < 2; ++i) w[i] *= m.sign[i];
+        if (m.any_beyond) mirror_vector(m, w);
+        alignas(32) float v[3][8];
+        for (int i = 0; i < 3; ++i) store(v[i], w[i]);
+        for (unsigned left = s.active; left; left &= left - 1) {
+            const int k = __builtin_ctz(left);
+            if (!(s.mass[k] > 0)) continue;
+            const double time = s.weight[k] / s.mass[k] * dt[k];
+            const int64_t row = (int64_t)(s.table[k] / kernel::DRAG_ROWS) * job.grid.count + cell[k];
+            int64_t* sum = out.sinks.pairs + row * kernel::PAIRS;
+            sum[0] += whole(time * scale.number);
+            for (int i = 0; i < 3; ++i) {
+                sum[1 + i] += whole(time * v[i][k] * scale.pair_moment);
+                sum[4 + i] += whole(time * (double)v[i][k] * v[i][k] * scale.pair_square);
+            }
+        }
+    }
+
     // (12): crossing of the cell, relaxation, eddies and a cap, with T_L predicted for the next half-way
     INLINE void next_step(const Sample& g, const Place& place, const d8 target[3], const d8 middle[3],
                           const d8 speed[3], const Mirror& m, f8 b) {
@@ -718,6 +817,7 @@ struct Stepper {
             const f8 factor = larger(1.0f - 0.5f * c * slope, splat(0.5f));
             dt = smaller(dt, c * time / factor);
         }
+        if (job.with_pairs) dt = smaller(dt, (float)o.pair_share / larger(load(s.meetings), splat(1e-20f)));
         store(s.dt, larger(dt, splat((float)o.smallest)));
     }
 

@@ -82,10 +82,14 @@ struct Gas {
 
 // fixed-point sums, each absent if null; scale = 1/quantum
 struct Sinks {
-    int64_t* sums = nullptr;  // (cells, SUMS)
-    int64_t* heat = nullptr;  // (cells, 2)
+    int64_t* sums = nullptr;   // (cells, SUMS)
+    int64_t* heat = nullptr;   // (cells, 2)
+    int64_t* pairs = nullptr;  // (materials, cells, PAIRS)
     double impulse = 0, slope = 0, residence = 0, moment = 0, heat_scale = 0, heat_slope = 0;
+    double number = 0, pair_moment = 0, pair_square = 0, events = 0;
 };
+// numbers of particles: times in the cell, times velocity x y z, times its squares, collisions
+constexpr int PAIRS = 8;
 constexpr int SUMS = 8;  // impulse x y z, slope, residence, moment x y z
 
 struct ImpactRecord {
@@ -110,6 +114,15 @@ struct Cloud {
     float* memory;  // (n, 5): gas velocity seen at the end of the step, drag rate B, next step
 };
 
+// What a particle may meet in a cell, (materials, cells, PARTNER): number a volume, mean velocity,
+// its standard deviation, mean diameter. The diameters of each material are drawn from PARTNER_SIZES.
+constexpr int PARTNER = 8, PARTNER_SIZES = 64;
+struct Partners {
+    const float* rows = nullptr;
+    const double *diameter = nullptr, *density = nullptr;
+    int materials = 0;
+};
+
 // drag factor C_D Re/24 in pieces, cubic in Re: octaves of 2^FIRST .. 2^(FIRST + OCTAVES)
 constexpr int DRAG_FIRST = -20, DRAG_OCTAVES = 40, DRAG_PIECES = 16;
 constexpr int DRAG_ROWS = DRAG_OCTAVES * DRAG_PIECES;
@@ -130,6 +143,8 @@ struct Options {
     // wall
     Impact impact = Impact::elastic;
     double restitution = 1, friction = 0, roughness = 0, stick_speed = 0;
+    // collisions: restitution, friction, C of the correlation, largest share of the time between two
+    double pair_restitution = 1, pair_friction = 0, pair_correlation = 0, pair_share = 0.2;
     // steps
     double eddies = 1, relaxation = 1, cells = 1, largest = 4e-3, smallest = 1e-7;
     int64_t max_steps = 1000000;
@@ -144,12 +159,13 @@ struct Job {
     Gas gas;
     Options options;
     Cloud cloud;
-    bool with_sinks = false, with_heat_sinks = false, with_impacts = false;
+    Partners partners;
+    bool with_sinks = false, with_heat_sinks = false, with_impacts = false, with_pairs = false;
     Sinks scales;
 };
 
 struct Counts {
-    int64_t steps = 0, bounces = 0, strays = 0;
+    int64_t steps = 0, bounces = 0, strays = 0, collisions = 0;
 };
 
 // what one thread writes

@@ -201,12 +201,13 @@ struct Run {
     kernel::Job job{};
     int64_t* sums = nullptr;
     int64_t* heat = nullptr;
+    int64_t* pairs = nullptr;
     Impacts* impacts = nullptr;
 };
 
 // what one thread writes, added to the whole when it is done
 struct Share {
-    std::vector<int64_t> sums, heat;
+    std::vector<int64_t> sums, heat, pairs;
     std::vector<kernel::ImpactRecord> records;
     kernel::Output out;
 
@@ -214,9 +215,11 @@ struct Share {
         const size_t n = run.job.grid.count;
         if (run.sums && !alone) sums.resize(n * kernel::SUMS);
         if (run.heat && !alone) heat.resize(n * 2);
+        if (run.pairs && !alone) pairs.resize(n * kernel::PAIRS * run.job.partners.materials);
         out.sinks = run.job.scales;
         out.sinks.sums = alone ? run.sums : sums.data();
         out.sinks.heat = alone ? run.heat : heat.data();
+        out.sinks.pairs = alone ? run.pairs : pairs.data();
         out.record = add;
         out.records = &records;
     }
@@ -224,6 +227,7 @@ struct Share {
     void give(const Run& run, kernel::Counts& counts) {
         for (size_t i = 0; i < sums.size(); ++i) run.sums[i] += sums[i];
         for (size_t i = 0; i < heat.size(); ++i) run.heat[i] += heat[i];
+        for (size_t i = 0; i < pairs.size(); ++i) run.pairs[i] += pairs[i];
         if (run.impacts) {
             auto& all = run.impacts->records;
             all.insert(all.end(), records.begin(), records.end());
@@ -231,6 +235,7 @@ struct Share {
         counts.steps += out.counts.steps;
         counts.bounces += out.counts.bounces;
         counts.strays += out.counts.strays;
+        counts.collisions += out.counts.collisions;
     }
 };
 
@@ -292,6 +297,23 @@ Run run_of(const Grid& grid, const nb::dict& geometry, const nb::dict& gas, cons
         run.job.scales.heat_scale = number(sinks, "heat_scale");
         run.job.scales.heat_slope = number(sinks, "heat_slope");
     }
+    if (sinks.contains("pairs")) {
+        const size_t materials = capacity.size();
+        run.pairs = data<int64_t>(sinks, "pairs", materials * n * kernel::PAIRS);
+        run.job.with_pairs = true;
+        run.job.scales.number = number(sinks, "number");
+        run.job.scales.pair_moment = number(sinks, "pair_moment");
+        run.job.scales.pair_square = number(sinks, "pair_square");
+        run.job.scales.events = number(sinks, "events");
+        run.job.partners.materials = (int)materials;
+        run.job.partners.rows = data<float>(sinks, "partners", materials * n * kernel::PARTNER);
+        run.job.partners.diameter = data<double>(sinks, "partner_diameter", materials * kernel::PARTNER_SIZES);
+        run.job.partners.density = data<double>(sinks, "partner_density", materials);
+        run.job.options.pair_restitution = number(sinks, "pair_restitution");
+        run.job.options.pair_friction = number(sinks, "pair_friction");
+        run.job.options.pair_correlation = number(sinks, "pair_correlation");
+        run.job.options.pair_share = number(sinks, "pair_share");
+    }
     run.impacts = impacts;
     run.job.with_impacts = impacts != nullptr;
     return run;
@@ -309,7 +331,8 @@ nb::tuple advance(const Grid& grid, nb::dict geometry, nb::dict gas, nb::dict op
         next = work(run, function, std::max(threads, 1), first, seconds, counts);
     }
     const bool done = next * kernel::CHUNK >= run.job.cloud.count;
-    return nb::make_tuple(done ? -1 : next, counts.steps, counts.bounces, counts.strays);
+    return nb::make_tuple(done ? -1 : next, counts.steps, counts.bounces, counts.strays,
+                          counts.collisions);
 }
 
 // impacts by id and step, as one array of doubles: id, step, bounce, index, x, v, normal, time
@@ -338,6 +361,9 @@ NB_MODULE(_kernel, m) {
     m.attr("ROW") = kernel::ROW;
     m.attr("SUMS") = kernel::SUMS;
     m.attr("FACE") = kernel::FACE;
+    m.attr("PAIRS") = kernel::PAIRS;
+    m.attr("PARTNER") = kernel::PARTNER;
+    m.attr("PARTNER_SIZES") = kernel::PARTNER_SIZES;
     m.attr("CHUNK") = kernel::CHUNK;
     m.attr("DRAG_FIRST") = kernel::DRAG_FIRST;
     m.attr("DRAG_OCTAVES") = kernel::DRAG_OCTAVES;

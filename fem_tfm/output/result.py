@@ -78,6 +78,7 @@ PER_MATERIAL = {
     "particle_exit_velocity": "m/s",
     "particle_residence_time": "s",
     "particle_deposition": "-",
+    "particle_collision_frequency": "1/s",
 }
 
 

@@ -220,7 +220,7 @@ def test_a_straight_line_in_space_carries_like_its_section() -> None:
     velocity = tracked.column("middle", "velocity")
     # particles that follow a gas that has no slip but at the wall keep near its mean
     assert np.abs(velocity / 10.0 - 1).max() < 0.15
-    assert tracked.residence_time("middle") == pytest.approx(0.06, rel=0.1)
+    assert tracked.residence_time("middle")[0] == pytest.approx(0.06, rel=0.1)
     assert len(tracked.wear.sums) == 60 if tracked.wear else False
 
 

@@ -23,6 +23,7 @@ from fem_tfm.closures.particles.impact import ImpactLaw
 from fem_tfm.errors import InputError
 from fem_tfm.materials import Fluid, Gas, Solids
 from fem_tfm.models.particles.cloud import INSIDE, OUT, Parcels
+from fem_tfm.models.particles.encounters import Encounters
 from fem_tfm.models.particles.field import Field
 from fem_tfm.models.particles.sinks import Sinks
 from fem_tfm.parameters import Parameters, parameter
@@ -77,11 +78,12 @@ class Forces(Parameters):
 
 @dataclass(frozen=True)
 class Report:
-    """What an advance did: steps, impacts, places that had to be searched for."""
+    """What an advance did: steps, impacts, places that had to be searched for, collisions."""
 
     steps: int
     bounces: int
     strays: int
+    collisions: int
 
 
 class Impacts:
@@ -170,13 +172,15 @@ class Tracker:
         until_time: float | None = None,
         sinks: Sinks | None = None,
         impacts: Impacts | None = None,
+        encounters: Encounters | None = None,
         leave: bool = False,
         progress: Callable[[float], None] | None = None,
     ) -> Report:
         """Move every parcel inside to a plane z [m], or to a time of its clock [s].
 
         The last step ends there but for a small miss, which stays. With `leave` those that arrive
-        are out. `progress` hears the share done, at least once a second.
+        are out. With `encounters` particles collide with what it holds, and it is told what they
+        do. `progress` hears the share done, at least once a second.
 
         Raises
         ------
@@ -197,12 +201,13 @@ class Tracker:
             field.for_kernel(),
             options,
             parcels.arrays(),
-            {} if sinks is None else sinks.for_kernel(),
+            ({} if sinks is None else sinks.for_kernel())
+            | ({} if encounters is None else encounters.for_kernel()),
             None if impacts is None else impacts.kernel,
             self.variant,
             self.threads,
         )
-        chunk, totals = 0, np.zeros(3, dtype=np.int64)
+        chunk, totals = 0, np.zeros(4, dtype=np.int64)
         while chunk >= 0:
             chunk, *counts = _kernel.advance(*given, chunk, PATIENCE)
             totals += counts

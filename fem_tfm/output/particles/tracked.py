@@ -32,6 +32,8 @@ FILES = (
 )  # fmt: skip
 # what may become of a parcel, in the order of its status
 FATES = ("inside", "out", "deposited", "lost", "stuck")
+# collisions that change by more between two passes are told
+UNSETTLED = 0.05
 UNITS = {
     "z": "m",
     "time": "s",
@@ -92,6 +94,10 @@ class Tracked:
     first, last : all parcels at the entrance and at the last place
     status : what became of each parcel, an index of `FATES`
     wear : impacts on the walls, None without a law of wear
+    met : collisions a second and number of particles by material, shape (materials, 2), in the
+        stretch before each place but the first, or of the whole line; empty without a law of
+        collisions
+    unsettled : largest relative change of the collisions between the last two passes of a stretch
     """
 
     materials: Sequence[str]
@@ -109,6 +115,8 @@ class Tracked:
     last: Moment | None = None
     wear: WearMap | None = None
     status: NDArray[np.int8] = field(init=False)
+    met: list[NDArray[np.float64]] = field(default_factory=list)
+    unsettled: float = 0.0
 
     def __post_init__(self) -> None:
         self.rows = {name: [] for name in self.materials}
@@ -133,6 +141,13 @@ class Tracked:
         line = np.column_stack([moment.time[kept], moment.x[kept], moment.v[kept]])
         line[~moment.inside[kept]] = math.nan
         self.lines.append(line)
+
+    def meet(
+        self, collisions: NDArray[np.float64], number: NDArray[np.float64], change: float
+    ) -> None:
+        """Keep the collisions of the stretch before a place, by material."""
+        self.met.append(np.column_stack([collisions, number]))
+        self.unsettled = max(self.unsettled, change)
 
     def _row(self, moment: Moment, chosen: NDArray[np.bool_]) -> dict[str, float]:
         """Means over the parcels of a material, each counted by its mass flow."""
@@ -177,6 +192,8 @@ class Tracked:
         found: dict[str, NDArray[Any]] = {
             "status": self.status,
             "lines": np.array(self.lines),
+            "met": np.array(self.met),
+            "unsettled": np.array(self.unsettled),
         }
         for name in self.materials:
             table = [[row[what] for what in UNITS] for row in self.rows[name]]
@@ -195,6 +212,7 @@ class Tracked:
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Put back what `state` gave."""
         self.status, self.lines = arrays["status"].astype(np.int8), list(arrays["lines"])
+        self.met, self.unsettled = list(arrays["met"]), float(arrays["unsettled"])
         for name in self.materials:
             rows = arrays[f"rows.{name}"]
             self.rows[name] = [dict(zip(UNITS, map(float, row), strict=True)) for row in rows]
@@ -223,8 +241,17 @@ class Tracked:
         return {fate: int((status == n).sum()) for n, fate in enumerate(FATES)}
 
     def warnings(self) -> list[str]:
-        """Materials of which parcels neither arrive nor stay on the wall, one sentence each."""
+        """What a reader should doubt, one sentence each.
+
+        Materials of which parcels neither arrive nor stay on the wall, and collisions that did not
+        settle.
+        """
         said = []
+        if self.unsettled > UNSETTLED:
+            said.append(
+                f"the collisions of a stretch still changed by {100 * self.unsettled:.2g} % between"
+                " its last two passes; more particles.parcels or particles.stations calm them"
+            )
         for name in self.materials:
             counts = self.counts(name)
             gone = {f: n for f, n in counts.items() if n and f not in ("out", "deposited")}
@@ -253,36 +280,61 @@ class Tracked:
         row, flow = self.rows[name][-1], (self.mass * self.rate)[here]
         if not len(flow):
             return math.nan, math.nan
-        independent = flow.sum() ** 2 / (flow**2).sum()
-        return row["velocity"], row["velocity_sd"] / math.sqrt(independent)
+        return row["velocity"], row["velocity_sd"] / math.sqrt(_independent(flow))
 
-    def residence_time(self, name: str) -> float:
-        """Mean time from the entrance to the last place [s]."""
-        return self.rows[name][-1]["time"]
+    def collision_frequency(self, name: str) -> float:
+        """Collisions of a particle a second, mean over the line [1/s]; raises KeyError as `of`."""
+        self.of(name)
+        sums = np.array(self.met)[:, list(self.materials).index(name)].sum(axis=0)
+        return float(sums[0] / sums[1]) if sums[1] > 0 else math.nan
 
-    def deposited(self, name: str) -> float:
-        """Share of the mass flow that stays on the wall [-]."""
+    def residence_time(self, name: str) -> tuple[float, float]:
+        """Mean time from the entrance to the last place, and its standard error [s]."""
+        assert self.last is not None
+        here = self.of(name) & self.last.inside
+        mean, flow = self.rows[name][-1]["time"], (self.mass * self.rate)[here]
+        if not len(flow):
+            return math.nan, math.nan
+        spread = float(np.average((self.last.time[here] - mean) ** 2, weights=flow))
+        return mean, math.sqrt(spread / _independent(flow))
+
+    def deposited(self, name: str) -> tuple[float, float]:
+        """Share of the mass flow that stays on the wall, and its standard error [-].
+
+        The error is that of n independent parcels, sqrt((p + 1/n) (1 - p + 1/n)/n), which does not
+        vanish where none of them or all of them stay.
+        """
         chosen, flow = self.of(name), self.mass * self.rate
         stays = chosen & (self.status == FATES.index("deposited"))
-        return float(flow[stays].sum() / flow[chosen].sum())
+        share, few = float(flow[stays].sum() / flow[chosen].sum()), 1 / _independent(flow[chosen])
+        return share, math.sqrt((share + few) * (1 - share + few) * few)
 
     def quantities(self) -> dict[str, float]:
         """Numbers of each material, named for it."""
         found = {}
         for name in self.materials:
             found[f"particle_exit_velocity_{name}"] = self.exit_velocity(name)[0]
-            found[f"particle_residence_time_{name}"] = self.residence_time(name)
-            found[f"particle_deposition_{name}"] = self.deposited(name)
+            found[f"particle_residence_time_{name}"] = self.residence_time(name)[0]
+            found[f"particle_deposition_{name}"] = self.deposited(name)[0]
+            if self.met:
+                found[f"particle_collision_frequency_{name}"] = self.collision_frequency(name)
         if self.wear is not None:
             found["wear"] = self.wear.total
         return found
 
     def errors(self) -> dict[str, float]:
         """Twice the standard error of each number of the sample, where it is known."""
-        return {
-            f"particle_exit_velocity_{name}": 2 * self.exit_velocity(name)[1]
-            for name in self.materials
-        }
+        found = {}
+        for name in self.materials:
+            found[f"particle_exit_velocity_{name}"] = 2 * self.exit_velocity(name)[1]
+            found[f"particle_residence_time_{name}"] = 2 * self.residence_time(name)[1]
+            found[f"particle_deposition_{name}"] = 2 * self.deposited(name)[1]
+        return found
+
+
+def _independent(flow: NDArray[np.float64]) -> float:
+    """Number of equal parcels that tell as much, (sum of flows)^2/sum of squares."""
+    return float(flow.sum() ** 2 / (flow**2).sum())
 
 
 # -- files -----------------------------------------------------------------------------------------
@@ -296,6 +348,11 @@ def write_tables(out: Path, tracked: Tracked) -> None:
         for what in list(UNITS)[1:]:
             columns[f"{name} {what}"] = tracked.column(name, what)
             units[f"{name} {what}"] = UNITS[what]
+        if len(tracked.met) == len(tracked.z) - 1:
+            sums = np.array(tracked.met)[:, list(tracked.materials).index(name)]
+            with np.errstate(invalid="ignore", divide="ignore"):
+                rate = np.append(math.nan, sums[:, 0] / sums[:, 1])
+            columns[f"{name} collisions"], units[f"{name} collisions"] = rate, "1/s"
     write_profiles(out / "particles.csv", columns, units)
     entries = {"z": tracked.z} | {
         f"{name} {number}": np.array([row[number] for row in tracked.by_entry[name]])

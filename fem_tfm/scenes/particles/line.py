@@ -18,7 +18,7 @@ from fem_tfm.models.particles.cloud import INSIDE, OUT, Parcels
 from fem_tfm.models.particles.tracker import Impacts
 from fem_tfm.output.particles.tracked import Moment
 from fem_tfm.output.particles.wear import WearMap
-from fem_tfm.scenes.particles.tracking import Tracking
+from fem_tfm.scenes.particles.tracking import COLLISION_CHANGE, MOST_PASSES, Tracking
 
 # stretches of time in which the gas goes from one place that is told to the next, and the longest
 # time that particles are followed, in units of the gas's passage
@@ -75,16 +75,14 @@ def follow_line(scene: Any, carrier: LineCarrier, recorder: Any) -> None:
     carrier.update()
     tracking = _OnLine(scene, carrier, recorder.comm)
     recorder.tracked = tracking.tracked
-    recorder.progress.stage(f"following {len(tracking.tracked.material)} parcels")
-    passage = scene.geometry.length / scene.feed.gas_velocity
-    step = passage / scene.particles.stations / PER_PLACE
-    message = ""
-    for time in np.arange(1, int(LONGEST * passage / step) + 1) * step:
-        left = tracking.go_on(float(time))
-        message = f"{time:.4g} s, {left} parcels inside"
-        recorder.progress.update(1 - left / len(tracking.tracked.material), message)
-        if not left:
+    passes = 1 if tracking.encounters is None else MOST_PASSES
+    for number in range(passes):
+        recorder.progress.stage(f"following {len(tracking.tracked.material)} parcels")
+        message = tracking.pass_through(recorder.progress)
+        if tracking.settled:
             break
+        if number < passes - 1:
+            tracking.begin_again()
     tracking.tell()
     recorder.log(f"particles: {message}; {tracking.warning()}")
 
@@ -96,15 +94,48 @@ class _OnLine(Tracking):
 
     def __init__(self, scene: Any, carrier: LineCarrier, comm: Any) -> None:
         super().__init__(scene, carrier, comm)
+        self._entering = self.parcels.copy()
+        self.begin_again()
+
+    def begin_again(self) -> None:
+        """Put all parcels back to where they enter."""
+        scene = self.scene
+        self.parcels.assign(self._entering)
         places = np.linspace(0.0, scene.geometry.length, scene.particles.stations + 1)
-        self.crossings = Crossings(places, self.parcels, carrier.mesh)
-        if self.wear is not None:
-            self.impacts = Impacts()
+        self.crossings = Crossings(places, self.parcels, self.carrier.mesh)
+        self.impacts = None if self.wear is None else Impacts()
+
+    def pass_through(self, progress: Any) -> str:
+        """Follow all parcels until they are out, and the cloud that they leave; how it ended."""
+        scene = self.scene
+        passage = scene.geometry.length / scene.feed.gas_velocity
+        step = passage / scene.particles.stations / PER_PLACE
+        message = ""
+        if self.encounters is not None:
+            self.encounters.clear()
+        for time in np.arange(1, int(LONGEST * passage / step) + 1) * step:
+            left = self.go_on(float(time))
+            message = f"{time:.4g} s, {left} parcels inside"
+            progress.update(1 - left / len(self.tracked.material), message)
+            if not left:
+                break
+        if self.encounters is not None:
+            self._change = self.encounters.renew(self.volumes)
+        return message
+
+    @property
+    def settled(self) -> bool:
+        """Whether the last pass left the collisions as they were."""
+        return self.encounters is None or self._change < COLLISION_CHANGE
 
     def go_on(self, time: float) -> int:
         """Follow all parcels to a time [s]; how many are still inside (collective)."""
         self.tracker.advance(
-            self.parcels, self.carrier.field, until_time=time, impacts=self.impacts
+            self.parcels,
+            self.carrier.field,
+            until_time=time,
+            impacts=self.impacts,
+            encounters=self.encounters,
         )
         self.crossings.take(self.parcels)
         return int(self.comm.allreduce(int((self.parcels.status == INSIDE).sum())))
@@ -128,6 +159,9 @@ class _OnLine(Tracking):
             across = mesh.straightened(at)[:, :2]
             clock = np.nan_to_num(time[n])
             self.tracked.take(Moment(float(z), clock, at, speed, inside, along, across), status)
+        if self.encounters is not None:
+            met = self.encounters
+            self.tracked.meet(met.collisions, met.residence, self._change)
         for z, sums in self._wear():
             self.wear.add(z, sums)  # type: ignore[union-attr]
 

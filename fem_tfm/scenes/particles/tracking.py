@@ -14,6 +14,7 @@ from fem_tfm.cloud import Cloud, parcels
 from fem_tfm.materials import Solids
 from fem_tfm.models.carrier import Carrier, ReynoldsStressCarrier, SectionCarrier
 from fem_tfm.models.particles.cloud import INSIDE, OUT, Parcels
+from fem_tfm.models.particles.encounters import Encounters
 from fem_tfm.models.particles.field import TIME
 from fem_tfm.models.particles.sinks import Sinks
 from fem_tfm.models.particles.tracker import Forces, Impacts, Steps, Tracker
@@ -27,6 +28,8 @@ type Floats = NDArray[np.float64]
 ADDED_MASS = 0.5
 # steps after which a parcel counts as stuck; ash takes 7 on every diameter of the published duct
 MOST_STEPS, STEPS_A_DIAMETER = 2000, 200
+# a stretch is followed again until its collisions change by less, but no more often
+COLLISION_CHANGE, MOST_PASSES = 0.01, 5
 
 
 def forces_of(scene: Any) -> Forces:
@@ -114,6 +117,12 @@ class Tracking:
             rate=whole.rate,
             traced=np.concatenate(traced),
         )
+        self.encounters: Encounters | None = None
+        if cloud.collisions is not None:
+            grid, count = carrier.grid, len(cloud.materials)
+            self.encounters = Encounters(cloud.collisions, grid, self.parcels, count, comm)
+        # where the parcels stand [m], and how much the last pass changed the collisions
+        self._stands = self._change = 0.0
         self.wear = WearMap(scene.geometry.section("none").perimeter) if cloud.wear else None
         self.tracked.wear = self.wear
         self.impacts: Impacts | None = None
@@ -128,7 +137,7 @@ class Tracking:
         sinks: Sinks | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> None:
-        """Move every parcel inside to a place along the line [m]."""
+        """Move every parcel inside to a place along the line [m] (collective with collisions)."""
         self.impacts = None if self.wear is None else Impacts()
         self.tracker.advance(
             self.parcels,
@@ -136,8 +145,30 @@ class Tracking:
             until_z=z,
             sinks=sinks,
             impacts=self.impacts,
+            encounters=self.encounters,
             progress=progress,
         )
+        if self.encounters is not None:
+            self._change = self.encounters.renew(self.volumes * (z - self._stands))
+
+    @property
+    def volumes(self) -> Floats:
+        """Area of each cell with its mirror images [m2]; its volume in three dimensions [m3]."""
+        carrier = self.carrier
+        return np.asarray(carrier.grid.sizes * carrier.mesh.section.area_factor)
+
+    def again(self, z: float) -> None:
+        """`to`, until collisions are those of the cloud that they leave (collective)."""
+        if self.encounters is None:
+            self.to(z)
+            return
+        begun = self.parcels.copy()
+        for _ in range(MOST_PASSES):
+            self.parcels.assign(begun)
+            self.encounters.clear()
+            self.to(z)
+            if self._change < COLLISION_CHANGE:
+                break
 
     def sample(self, z: float) -> None:
         """Tell what is at a place (collective)."""
@@ -146,6 +177,10 @@ class Tracking:
             inside = (whole.status == INSIDE) | (whole.status == OUT)
             moment = Moment(z, whole.time, whole.x, whole.v, inside), whole.status
         self.tracked.take(*self.comm.bcast(moment))
+        if self.encounters is not None and z > self._stands:
+            met = self.encounters
+            self.tracked.meet(met.collisions, met.residence, self._change)
+        self._stands = z
         if self.impacts is not None:
             self._enter_impacts(z)
 
@@ -193,7 +228,7 @@ def follow(scene: Any, carrier: Carrier, recorder: Any) -> None:
     recorder.progress.stage(f"following {len(tracking.tracked.material)} parcels")
     tracking.sample(0.0)
     for z in np.linspace(0.0, length, stations + 1)[1:]:
-        tracking.to(float(z))
+        tracking.again(float(z))
         if z == length:
             tracking.leave()
         tracking.sample(float(z))
@@ -262,10 +297,12 @@ class Slabs(Tracking):
         self.carrier.update()
         self.parcels.assign(self._begun)
         if self.sinks is None or self.exchange is None:
-            self.to(end)
+            self.again(end)
             return 0.0
         sinks = self.sinks
         sinks.clear()
+        if self.encounters is not None:
+            self.encounters.clear()
         self.to(end, sinks)
         sinks.reduce(self.comm)
         return self._renew(station, end - start)
@@ -276,8 +313,7 @@ class Slabs(Tracking):
         carrier, sinks = self.carrier, self.sinks
         own = carrier.grid.owned
         # mass of the gas in the mirror images of each cell, over the step
-        mass = carrier.field.density * carrier.grid.sizes * station.mesh.section.area_factor * step
-        mass = mass[own]
+        mass = (carrier.field.density * self.volumes * step)[own]
         warm: dict[str, Any] = {}
         if self.exchange.heat is not None:
             capacity = mass * carrier.field.heat_capacity
@@ -326,7 +362,8 @@ class Slabs(Tracking):
         whole = self.parcels.gather(self.comm)
         own = {} if whole is None else {f"parcels.{n}": v for n, v in whole.arrays().items()}
         told = {f"tracked.{n}": v for n, v in self.tracked.state().items()}
-        return own | told | {"given": np.array([self.given, self.warmed])}
+        met = {} if self.encounters is None else {"partners": self.encounters.partners}
+        return own | told | met | {"given": np.array([self.given, self.warmed])}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Put back what `state` gave; the station holds its gas already."""
@@ -339,6 +376,9 @@ class Slabs(Tracking):
         self._begun = self.parcels.copy()
         self.tracked.restore(part("tracked"))
         self.given, self.warmed = map(float, arrays["given"])
+        self._stands = float(self.tracked.z[-1])
+        if self.encounters is not None:
+            self.encounters.partners[:] = arrays["partners"]
         self.carrier.update()
 
     # -- balances ------------------------------------------------------------------------------

@@ -11,8 +11,10 @@ import numpy as np
 from fem_tfm.cloud import Cloud, Material
 from fem_tfm.errors import InputError
 
-# above this loading the gas feels the particles, above this fraction particles meet each other
-ONE_WAY_LOADING, DILUTE = 0.05, 1e-3
+# above this loading the gas feels the particles
+ONE_WAY_LOADING = 0.05
+# speed between neighbours over that of the gas; relaxation over time between collisions told of
+RELATIVE, MEETING = 0.03, 0.3
 # beyond this fraction a cloud of parcels is no model
 DENSE = 0.1
 # measured: steps of a parcel over a line in units of its eddies, CPU time of a step [s]
@@ -101,17 +103,41 @@ def advice(scene: Any) -> list[str]:
             " and its pressure drop and velocities are not those of the gas alone;"
             " particles.coupling = 'two-way' with solution = 'developing' solves both"
         )
-    fraction = max(entrance_fraction(scene, m) for m in cloud.materials)
-    if fraction > DILUTE:
-        said.append(
-            f"particles fill {fraction:.2g} of the volume where they enter and collide with each"
-            " other, which is left out"
-        )
+    said += _meetings(scene)
     if not one_way and loading > 0 and cloud.parcels * cloud.entries < 5000:
         said.append(
             f"{cloud.parcels * cloud.entries} parcels make a rough force on the gas; some 500 a"
             " point are needed, 2000 a point are good"
         )
+    return said
+
+
+def _meetings(scene: Any) -> list[str]:
+    """Whether particles meet each other before the gas has turned them.
+
+    tau_p f with f = 6 alpha_p v/d, v 3 % of the gas velocity between neighbours: far below one
+    the gas alone moves a particle, above it collisions do (Crowe et al., Multiphase Flows with
+    Droplets and Particles, 2011, section 2.5).
+    """
+    cloud, gas = scene.particles, scene.model.gas
+    if cloud.collisions is not None:
+        return []
+    said = []
+    for material in cloud.materials:
+        speed = scene.feed.gas_velocity
+        flow = cloud.mass_flow(material, gas_flow(scene))
+        fraction = flow / (material.density * scene.geometry.area * speed)
+        slip = RELATIVE * speed
+        reynolds = gas.density * slip * material.diameter / gas.viscosity
+        factor = 1 + 0.15 * reynolds**0.687
+        relaxation = material.density * material.diameter**2 / (18 * gas.viscosity * factor)
+        between = material.diameter / (6 * fraction * slip)
+        if relaxation > MEETING * between:
+            said.append(
+                f"{material.name}: a particle meets another every {between:.2g} s or so, and the"
+                f" gas takes {relaxation:.2g} s to turn it; particles.collisions = 'sommerfeld'"
+                " lets them collide, which is left out"
+            )
     return said
 
 
@@ -124,7 +150,8 @@ def skipped(scene: Any) -> list[str]:
         left_out.append("force of the particles on the gas: particles.coupling = one-way")
     if "gravity" not in cloud.forces:
         left_out.append("weight of the particles: not in particles.forces")
-    left_out.append("collisions between particles: for dilute clouds")
+    if cloud.collisions is None:
+        left_out.append("collisions between particles: no particles.collisions")
     if not cloud.heat:
         left_out.append("heat of the particles: particles.heat = false")
     return left_out

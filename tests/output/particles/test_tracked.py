@@ -69,7 +69,7 @@ def test_exit_velocity_has_the_error_of_its_sample(tracked: Tracked) -> None:
 def test_every_parcel_has_one_fate(tracked: Tracked) -> None:
     assert tracked.counts() == {"inside": 0, "out": 3, "deposited": 1, "lost": 0, "stuck": 0}
     assert sum(tracked.counts("sand").values()) == 2
-    assert tracked.deposited("sand") == pytest.approx(0.5)
+    assert tracked.deposited("sand")[0] == pytest.approx(0.5)
     assert tracked.quantities()["particle_residence_time_ash"] == pytest.approx(0.2)
 
 

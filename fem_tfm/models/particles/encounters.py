@@ -1,0 +1,138 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""What particles meet in each cell: how many others, how fast, and how often they collide.
+
+The cloud of a steady stream is not known before it was followed. A stretch is therefore followed
+again until the collisions of a pass are those of the cloud that it left.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
+
+import fem_tfm._kernel as _kernel
+from fem_tfm.closures.particles.collisions import ParticleCollisions
+from fem_tfm.models.particles.cloud import Parcels
+from fem_tfm.models.particles.grid import Floats, Grid
+from fem_tfm.models.particles.sinks import FEWEST, FINENESS, TIME
+
+# typical velocity [m/s], a power of two
+SPEED = 32.0
+
+
+class Encounters:
+    """Number, mean velocity and its deviation in each cell, by material.
+
+    Parameters
+    ----------
+    law : of the collisions
+    grid : cells
+    parcels : of this rank, as they enter (collective on `comm`)
+    materials : number of materials of the whole cloud
+
+    Attributes
+    ----------
+    partners : (materials, cells, 8) what the next pass meets: number a volume [1/m3], mean velocity
+        x y z, standard deviation x y z [m/s], mean diameter [m]
+    """
+
+    def __init__(
+        self,
+        law: ParticleCollisions,
+        grid: Grid,
+        parcels: Parcels,
+        materials: int,
+        comm: MPI.Comm | None = None,
+    ) -> None:
+        self.law, self.grid, self.comm = law, grid, comm
+        most, count = float(parcels.rate.max(initial=0.0)), len(parcels)
+        if comm is not None:
+            most, count = comm.allreduce(most, MPI.MAX), comm.allreduce(count)
+        number = max(most * max(count, FEWEST), 1e-300)
+        unit = FINENESS * 2.0 ** math.ceil(math.log2(number))
+        self.quanta = {
+            "number": unit * TIME,
+            "pair_moment": unit * TIME * SPEED,
+            "pair_square": unit * TIME * SPEED**2,
+            "events": unit,
+        }
+        shape = (materials, grid.count)
+        self.sums = np.zeros((*shape, _kernel.PAIRS), dtype=np.int64)
+        self.partners = np.zeros((*shape, _kernel.PARTNER), dtype=np.float32)
+        self._sizes(parcels, materials)
+        self._events = 0.0
+
+    def _sizes(self, parcels: Parcels, materials: int) -> None:
+        """Diameters of each material in shares of equal number, and its density."""
+        own = parcels.material, parcels.diameter, parcels.density, parcels.rate
+        parts = [own] if self.comm is None else self.comm.allgather(own)
+        material, diameter, density, rate = (np.concatenate(p) for p in zip(*parts, strict=True))
+        middles = (np.arange(_kernel.PARTNER_SIZES) + 0.5) / _kernel.PARTNER_SIZES
+        self.diameter = np.ones((materials, _kernel.PARTNER_SIZES))
+        self.density = np.ones(materials)
+        for number in range(materials):
+            chosen = material == number
+            if not chosen.any():
+                continue
+            order = np.lexsort((rate[chosen], diameter[chosen]))
+            sizes, weight = diameter[chosen][order], rate[chosen][order]
+            share = (np.cumsum(weight) - weight / 2) / weight.sum()
+            self.diameter[number] = np.interp(middles, share, sizes)
+            self.density[number] = density[chosen][0]
+
+    def clear(self) -> None:
+        """Begin a pass."""
+        self.sums[:] = 0
+
+    def for_kernel(self) -> dict[str, Any]:
+        """Sums, scales and what is met."""
+        return {
+            "pairs": self.sums,
+            "partners": self.partners,
+            "partner_diameter": self.diameter,
+            "partner_density": self.density,
+            **{name: 1 / quantum for name, quantum in self.quanta.items()},
+            **self.law.numbers(),
+        }
+
+    def renew(self, volume: npt.ArrayLike) -> float:
+        """Take over what the cloud did in a pass; the relative change (collective).
+
+        volume : of each cell with its images, over the stretch that was followed [m3]; for parcels
+            that stand for numbers and not for rates, times the time that was followed [m3 s]
+
+        The change is that of the expected number of collisions a second of all cells.
+        """
+        if self.comm is not None:
+            self.comm.Allreduce(MPI.IN_PLACE, self.sums, MPI.SUM)
+        time = self.sums[..., 0] * self.quanta["number"]
+        whole = np.where(time > 0, time, 1.0)[..., None]
+        mean = self.sums[..., 1:4] * self.quanta["pair_moment"] / whole
+        square = self.sums[..., 4:7] * self.quanta["pair_square"] / whole
+        self.partners[..., 0] = time / np.asarray(volume)
+        self.partners[..., 1:4] = mean
+        self.partners[..., 4:7] = np.sqrt(np.maximum(square - mean**2, 0.0))
+        self.partners[..., 7] = self.diameter.mean(axis=1)[:, None]
+        before, self._events = self._events, float(self._expected(np.asarray(time, dtype=float)))
+        return abs(self._events - before) / max(self._events, 1e-300) if self._events else 0.0
+
+    def _expected(self, time: Floats) -> Any:
+        """Collisions a second between particles of a kind, without correlation [1/s]."""
+        spread = np.sqrt(2 * (self.partners[..., 4:7].astype(float) ** 2).sum(axis=-1))
+        reach = self.partners[..., 7].astype(float)
+        rate = self.law.frequency(self.partners[..., 0].astype(float), reach, spread)
+        return (time * rate).sum()
+
+    @property
+    def collisions(self) -> Floats:
+        """Collisions of the particles of each material in the last pass (materials,) [1/s]."""
+        return np.asarray(self.sums[..., 7].sum(axis=1) * self.quanta["events"])
+
+    @property
+    def residence(self) -> Floats:
+        """Number of particles of each material in the stretch of the last pass (materials,)."""
+        return np.asarray(self.sums[..., 0].sum(axis=1) * self.quanta["number"])
