@@ -111,6 +111,9 @@ class Cloud(Parameters):
     spread : parcels of a point are spread over the part of the section that is nearest to it; the
         share of a point in a uniform feed, without which a coupled gas is torn by jets.
     parcels : of each point, or of the whole area, for each material
+    release : "after" follows all parcels through the last gas of an unsteady flow; "during" lets
+        them enter evenly over the time of the run, and each sees the gas of its time. Every other
+        gas is steady.
 
     Raises InputError for values that do not fit each other.
     """
@@ -145,6 +148,9 @@ class Cloud(Parameters):
         doc="collisions between particles, none without a law",
         convert=optional_law("particle-collisions"),
     )
+    release: Literal["after", "during"] = parameter(
+        "after", doc="particles see the last gas of an unsteady flow, or the gas of their time"
+    )
     heat: bool = parameter(False, doc="particles exchange heat with the gas")
     modulation: bool = parameter(False, doc="particles damp the turbulence of the gas")
     lateral: bool = parameter(False, doc="particles push the gas across the axis too")
@@ -170,6 +176,9 @@ class Cloud(Parameters):
             raise InputError("particles.points", self.points, words)
         if any(not flow > 0 for _, _, flow in self.points):
             raise InputError("particles.points", self.points, "mass flows above 0")
+        if self.release == "during" and self.collisions is not None:
+            words = "'after' with particles.collisions, which need the cloud of a steady gas"
+            raise InputError("particles.release", self.release, words)
         if self.coupling == "one-way":
             for name in ("modulation", "lateral"):
                 if getattr(self, name):

@@ -59,16 +59,18 @@ def save_cells(
     values: Mapping[str, np.ndarray],
     numbers: Mapping[str, float],
     tables: Mapping[str, npt.ArrayLike] | None = None,
+    others: Mapping[str, np.ndarray] | None = None,
 ) -> None:
-    """Write values of the owned cells, each of shape (cells, ...), numbers and tables.
+    """Write values of the owned cells, each of shape (cells, ...), numbers and tables (collective).
 
-    Collective.
+    others : as for `save`
     """
     comm, owned = mesh.comm, _owned_cells(mesh)
     place = comm.gather(mesh.topology.original_cell_index[:owned])
     order = np.argsort(np.concatenate(place)) if comm.rank == 0 else None
     arrays = {f"number.{key}": np.asarray(value) for key, value in numbers.items()}
     arrays |= {f"table.{key}": np.asarray(column) for key, column in (tables or {}).items()}
+    arrays |= {f"array.{key}": np.asarray(value) for key, value in (others or {}).items()}
     for name, array in values.items():
         gathered = comm.gather(np.ascontiguousarray(array[:owned]))
         if comm.rank == 0:

@@ -40,7 +40,7 @@ from fem_tfm.scenes.judged.memory import check_memory, section_cells
 from fem_tfm.scenes.judged.places import check_places
 from fem_tfm.scenes.judged.plausible import check_flux, derived
 from fem_tfm.scenes.kinds import Kind, register
-from fem_tfm.scenes.particles.line import follow_line
+from fem_tfm.scenes.particles.line import Along, follow_line
 from fem_tfm.scenes.physics import SECTION_FILES, Physics
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.samples import MEANS, Plane, Probes, Sections, Table, columns
@@ -241,21 +241,38 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
             previous.close()
         section = Stepped(self, UnsteadyFlow(self.problem(), self.mesh(recorder.comm)))
         stepping = TimeStepping(self.control(), self.milestones(), recorder.log)
+        flow = section.flow
         if recorder.resume:
             recorder.restore(section, stepping)
         else:
-            self.start(section.flow)
+            self.start(flow)
         recorder.begin(section, stepping)
+        cloud = recorder.cloud = self._cloud(flow, recorder)
         with signals.deferred() as request:
             while not stepping.done:
+                begun = stepping.time
                 stepping.advance(section)
+                if cloud is not None:
+                    cloud.step(begun, stepping.time)
                 recorder.step()
                 if request.on_any(recorder.comm):
                     raise KeyboardInterrupt
-        flow = section.flow
-        if self.particles is not None:
+        if cloud is not None:
+            cloud.tell()
+        elif self.particles is not None:
             follow_line(self, LineCarrier(flow, self.particles.dispersion), recorder)
         return Answer("finished", flow.quantities(), flow.balances(), "pressure_drop")
+
+    def _cloud(self, flow: UnsteadyFlow, recorder: FlowRecorder) -> Along | None:
+        """Particles that go on with the gas, None where they follow it later or not at all."""
+        if self.particles is None or self.particles.release == "after":
+            return None
+        cloud = Along(self, LineCarrier(flow, self.particles.dispersion), recorder.comm)
+        recorder.tracked = cloud.tracked
+        if recorder.resume:
+            assert recorder.out is not None
+            cloud.restore(checkpoint.others(recorder.out))
+        return cloud
 
     def skipped(self) -> list[str]:
         """What the scene did not need, and why."""
@@ -364,6 +381,7 @@ class FlowRecorder(Recorder):
             on_root(setting.comm, partial(_drop_rows, out, self.since))
         super().__init__(scene, setting, COLUMNS)
         self.stepping: TimeStepping
+        self.cloud: Along | None = None
         self._writer: FieldWriter | None = None
         self._probes: Probes | None = None
         self._sections: Sections | None = None
@@ -440,7 +458,8 @@ class FlowRecorder(Recorder):
         mesh = self.section.mesh.mesh
         numbers["time"] = self.stepping.time
         tables = self._plane.state() if self._plane else {}
-        checkpoint.save_cells(self.out, mesh, values, numbers, tables)
+        others = self.cloud.state() if self.cloud else {}
+        checkpoint.save_cells(self.out, mesh, values, numbers, tables, others)
 
     def draw(self) -> None:
         """The picture of the plane through the axis."""

@@ -15,6 +15,7 @@ from fem_tfm import Case
 from fem_tfm.output.result import Result
 from fem_tfm.scenes.developing import LineRecorder
 from fem_tfm.scenes.particles.tracking import Tracking, carrier_of
+from fem_tfm.scenes.unsteady import FlowRecorder
 
 COMM = MPI.COMM_WORLD
 ASH = {"name": "ash", "density": 1800, "diameter": 1.4e-4, "velocity": 2.8}
@@ -222,6 +223,95 @@ def test_a_straight_line_in_space_carries_like_its_section() -> None:
     assert np.abs(velocity / 10.0 - 1).max() < 0.15
     assert tracked.residence_time("middle")[0] == pytest.approx(0.06, rel=0.1)
     assert len(tracked.wear.sums) == 60 if tracked.wear else False
+
+
+def surging(**changes: Any) -> Case:
+    """A plug of gas that gains speed, u = 10 (1 + t/0.1) m/s, and specks that follow it."""
+    changes = {
+        "geometry.shape": "pipe",
+        "geometry.bend_radius": None,
+        "walls.gas": "free-slip",
+        "inlet.profile": "uniform",
+        "operation.gas_schedule": [[0.0, 1.0], [0.1, 2.0]],
+        "numerics.end_time": 0.1,
+        "numerics.axial_cells": 20,
+        "particles.release": "during",
+        "particles.impact": "elastic",
+        "particles.parcels": 300,
+        "particles.stations": 4,
+        "particles.materials": [
+            {"name": "speck", "density": 1000, "diameter": 2e-6, "loading": 0.01}
+        ],
+        "output.interval": 0.02,
+    } | changes
+    return bend(**changes)
+
+
+@pytest.mark.mpi
+def test_particles_see_the_gas_of_their_time() -> None:
+    found = run(surging())
+    tracked = found.tracked
+    assert tracked is not None and tracked.last is not None
+    entered = np.sort(0.1 * (np.arange(300) + 0.5) / 300)
+    # way since the entrance: 10 (t + 5 t^2) between both times
+    way = 10 * (0.1 + 5 * 0.1**2 - entered - 5 * entered**2)
+    out = int((way > 0.6).sum())
+    counts = tracked.counts()
+    assert counts["out"] == pytest.approx(out, abs=3)
+    assert counts["out"] + counts["inside"] + counts["deposited"] == 300
+    left = tracked.last.inside
+    # it leaves with the speed of the gas at that time
+    start = np.sort(entered)[:out]
+    end = np.sqrt((0.6 / 10 + start + 5 * start**2) * 20 + 1) / 10 - 0.1
+    assert np.sort(tracked.last.time[left])[::-1] == pytest.approx(end - start, rel=0.02, abs=2e-4)
+    speed = np.sort(tracked.last.v[left, 2])
+    assert speed == pytest.approx(10 * (1 + end / 0.1), rel=0.02)
+
+
+def test_particles_of_a_flow_that_was_cut_short_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = surging(**{"particles.wear": "finnie"})
+    whole = run(one, tmp_path / "whole")
+    keep = FlowRecorder.step
+
+    def cut(self: FlowRecorder) -> None:
+        keep(self)
+        if self.stepping.time > 0.05:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(FlowRecorder, "step", cut)
+    with pytest.raises(KeyboardInterrupt):
+        run(one, tmp_path / "cut")
+    monkeypatch.setattr(FlowRecorder, "step", keep)
+    found = run(one, tmp_path / "cut", resume=True)
+    # a gas that was stored differs in its last digits
+    for name in whole.quantities:
+        assert found[name] == pytest.approx(whole[name], rel=1e-6), name
+    assert found.tracked is not None and whole.tracked is not None
+    assert found.tracked.counts() == whole.tracked.counts()
+    first, other = found.tracked.last, whole.tracked.last
+    assert first is not None and other is not None
+    assert first.time == pytest.approx(other.time, rel=1e-6)
+    assert found.tracked.first is not None and (found.tracked.first.time == 0).all()
+
+
+@pytest.mark.mpi
+def test_collisions_spread_a_coupled_cloud(coupled: Result) -> None:
+    found = run(case(**{"particles.collisions": "sommerfeld"}))
+    assert found["particle_collision_frequency_ash"] > 10
+    assert found.balances["particle_momentum"] < 1e-10
+    assert found["pressure_drop"] == pytest.approx(coupled["pressure_drop"], rel=0.1)
+    assert found["pressure_drop"] != coupled["pressure_drop"]
+
+
+def test_collisions_of_a_thin_cloud_change_nothing() -> None:
+    light = ASH | {"loading": 1e-6}
+    thin = {"geometry.length": 1.0, "particles.parcels": 300, "particles.materials": [light]}
+    alone = run(developed(**thin))
+    met = run(developed(**thin, **{"particles.collisions": "sommerfeld"}))
+    assert met["particle_collision_frequency_ash"] < 1e-3
+    assert met["particle_exit_velocity_ash"] == alone["particle_exit_velocity_ash"]
 
 
 def test_a_thin_cloud_slips_like_the_dispersed_phase_of_two_fluids() -> None:

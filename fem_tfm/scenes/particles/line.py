@@ -6,7 +6,7 @@ They go on in time; what is told at a place along the axis is interpolated on th
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -40,6 +40,17 @@ class Crossings:
         self._level = np.zeros(len(parcels), dtype=int)
         self._before = self._state(parcels)
         self.take(parcels)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Arrays over the parcels of this rank, from which `restore` goes on."""
+        return {"time": self.time.T, "x": self.x.swapaxes(0, 1), "v": self.v.swapaxes(0, 1)}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]], parcels: Parcels) -> None:
+        """Put back what `state` gave; the parcels stand where they stood."""
+        self.time = np.ascontiguousarray(arrays["time"].T)
+        self.x, self.v = (np.ascontiguousarray(arrays[n].swapaxes(0, 1)) for n in "xv")
+        self._level = np.isfinite(self.time).sum(axis=0)
+        self._before = self._state(parcels)
 
     def _state(self, parcels: Parcels) -> tuple[NDArray[np.float64], ...]:
         along = self.mesh.straightened(parcels.x)[:, 2].copy()
@@ -104,6 +115,8 @@ class _OnLine(Tracking):
         places = np.linspace(0.0, scene.geometry.length, scene.particles.stations + 1)
         self.crossings = Crossings(places, self.parcels, self.carrier.mesh)
         self.impacts = None if self.wear is None else Impacts()
+        self._released = self.parcels.time.copy()
+        self.worn: Any = np.zeros((len(places) - 1, 1, 1))
 
     def pass_through(self, progress: Any) -> str:
         """Follow all parcels until they are out, and the cloud that they leave; how it ended."""
@@ -143,7 +156,8 @@ class _OnLine(Tracking):
     def tell(self) -> None:
         """What was found at every place (collective)."""
         whole = self.parcels.gather(self.comm)
-        parts = self.comm.gather((self.parcels.id, *self._arrays()))
+        released = self.crossings.time - self._released, *self._arrays()[1:]
+        parts = self.comm.gather((self.parcels.id, *released))
         found = None
         if parts is not None and whole is not None:
             order = np.argsort(np.concatenate([part[0] for part in parts]), kind="stable")
@@ -162,21 +176,73 @@ class _OnLine(Tracking):
         if self.encounters is not None:
             met = self.encounters
             self.tracked.meet(met.collisions, met.residence, self._change)
-        for z, sums in self._wear():
-            self.wear.add(z, sums)  # type: ignore[union-attr]
+        if self.wear is not None:
+            self.book()
+            for z, sums in zip(self.crossings.places[1:], self.worn, strict=True):
+                self.wear.add(float(z), self.comm.allreduce(sums))
 
     def _arrays(self) -> tuple[NDArray[np.float64], ...]:
         return self.crossings.time, self.crossings.x, self.crossings.v
 
-    def _wear(self) -> Iterator[tuple[float, NDArray[np.float64]]]:
-        """Ends of stretches and the sums over the impacts in them (collective)."""
+    def book(self) -> None:
+        """Add the impacts so far to the sums of the stretches between two places."""
         if self.impacts is None:
             return
         hits, speed, angle, removed = self.hits(self.impacts)
         x, rate = self.carrier.mesh.straightened(hits["x"]), self.parcels.rate[hits["index"]]
         places = self.crossings.places
         stretch = np.clip(np.searchsorted(places, x[:, 2]) - 1, 0, len(places) - 2)
-        for n, z in enumerate(places[1:]):
-            here = stretch == n
-            parts = (values[here] for values in (x, speed, angle, rate, removed))
-            yield float(z), self.comm.allreduce(WearMap.summed(*parts))
+        parts = (x, speed, angle, rate, removed)
+        here = (stretch == n for n in range(len(places) - 1))
+        self.worn = self.worn + [WearMap.summed(*(p[h] for p in parts)) for h in here]
+        self.impacts = Impacts()
+
+
+class Along(_OnLine):
+    """Parcels that go on with a gas that changes, each from the time at which it enters.
+
+    Parameters
+    ----------
+    scene : of an unsteady flow, with particles.release = "during"
+    carrier : its gas, which stands at the start or where a checkpoint was written
+    """
+
+    def __init__(self, scene: Any, carrier: LineCarrier, comm: Any) -> None:
+        super().__init__(scene, carrier, comm)
+        self._released = self.parcels.time.copy()
+        carrier.update()
+
+    def step(self, start: float, end: float) -> None:
+        """Follow the parcels over a step of the gas, which stands at its end [s] (collective)."""
+        self.carrier.field.keep(start, end)
+        self.carrier.update()
+        self.go_on(end)
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """Whole arrays over all parcels, from which `restore` goes on (collective)."""
+        self.book()
+        whole = self.parcels.gather(self.comm)
+        parts = self.comm.gather((self.parcels.id, self.crossings.state()))
+        worn = np.asarray(self.comm.allreduce(np.asarray(self.worn)))
+        if whole is None or parts is None:
+            return {}
+        order = np.argsort(np.concatenate([part[0] for part in parts]), kind="stable")
+        found = {f"parcels.{n}": v for n, v in whole.arrays().items()}
+        for name in parts[0][1]:
+            array = np.concatenate([part[1][name] for part in parts])[order]
+            found[f"crossings.{name}"] = array
+        return found | {"worn": worn}
+
+    def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
+        """Put back what `state` gave."""
+
+        def part(stem: str) -> dict[str, NDArray[Any]]:
+            return {n.removeprefix(stem): v for n, v in arrays.items() if n.startswith(stem)}
+
+        whole = Parcels.from_arrays(part("parcels."))
+        mine = whole.id % self.comm.size == self.comm.rank
+        self.parcels = whole.share(self.comm)
+        self.crossings.restore({n: v[mine] for n, v in part("crossings.").items()}, self.parcels)
+        if self.comm.rank == 0:
+            self.worn = arrays["worn"]
+        self.carrier.update()

@@ -56,6 +56,15 @@ def carrier_of(scene: Any, section: Any, heat: GasHeat | None = None) -> Carrier
     return carrier
 
 
+def release_times(scene: Any, number: int, count: int) -> Floats:
+    """When the parcels of a material enter [s]: at once, or evenly over an unsteady flow."""
+    cloud: Cloud = scene.particles
+    if cloud.release == "after":
+        return np.zeros(count)
+    draws = np.random.default_rng([cloud.seed, number, count])
+    return np.asarray(scene.numerics.end_time * (draws.permutation(count) + 0.5) / count)
+
+
 def entering(scene: Any) -> tuple[Parcels, NDArray[np.int32]]:
     """All parcels of a scene as they enter, by material, and the entry of each."""
     cloud: Cloud = scene.particles
@@ -73,6 +82,7 @@ def entering(scene: Any) -> tuple[Parcels, NDArray[np.int32]]:
                 number=number,
                 diameter=feed.diameter,
                 temperature=scene.model.gas.temperature if warmth is None else warmth,
+                time=release_times(scene, number, len(feed.x)),
                 first_id=count,
             )
         )

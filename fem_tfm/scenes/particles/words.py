@@ -55,6 +55,9 @@ def check(scene: Any, two_way: bool) -> None:
             " ways"
         )
         raise InputError("particles.coupling", cloud.coupling, words)
+    if cloud.release == "during" and scene.solution != "unsteady":
+        words = f"'after' for {scene.kind}, whose gas is steady; solution = 'unsteady' knows times"
+        raise InputError("particles.release", cloud.release, words)
     if cloud.heat and getattr(scene.model, "heat", None) is None:
         words = "false without a table [heat], for the gas has no temperature of its own"
         raise InputError("particles.heat", True, words)
@@ -144,8 +147,9 @@ def _meetings(scene: Any) -> list[str]:
 def skipped(scene: Any) -> list[str]:
     """What the particles are followed without, and why."""
     cloud, left_out = scene.particles, []
-    if scene.solution == "unsteady":
-        left_out.append("change of the gas while particles pass: they see its last state")
+    if scene.solution == "unsteady" and cloud.release == "after":
+        words = "they see its last state; particles.release = after"
+        left_out.append(f"change of the gas while particles pass: {words}")
     if cloud.coupling == "one-way":
         left_out.append("force of the particles on the gas: particles.coupling = one-way")
     if "gravity" not in cloud.forces:
