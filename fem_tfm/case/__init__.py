@@ -12,7 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import fem_tfm.scenes  # noqa: F401  (the scenes register themselves)
-from fem_tfm.case.edit import change, drop_references, each_once, give_way, parse_override, read
+from fem_tfm.case.edit import (
+    change,
+    drop_references,
+    each_once,
+    give_way,
+    one_of,
+    parse_override,
+    read,
+)
 from fem_tfm.scenes.kinds import known_keys
 from fem_tfm.scenes.reading import scene_from, tables_of
 from fem_tfm.scenes.recorder import case_text
@@ -79,7 +87,10 @@ class Case:
         """Value at a dotted key, given or default; None where there is none."""
         found: Any = self.tables
         for part in key.split("."):
-            found = found.get(part) if isinstance(found, Mapping) else None
+            if isinstance(found, list | tuple) and found and isinstance(found[0], Mapping):
+                found = found[one_of(found, part, key)]
+            else:
+                found = found.get(part) if isinstance(found, Mapping) else None
         return found
 
     def __eq__(self, other: object) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -81,9 +81,57 @@ def read(path: Path) -> dict[str, Any]:
         raise InputError("case file", str(path), f"valid TOML in UTF-8 ({error})") from None
 
 
+def one_of(listed: Sequence[Any], part: str, key: str) -> int:
+    """Number of a table in an array of tables, by its name or by its number from 0 on.
+
+    Raises
+    ------
+    InputError
+        there is no such table.
+    """
+    names = [str(t.get("name", n)) if isinstance(t, Mapping) else "" for n, t in enumerate(listed)]
+    if part in names:
+        return names.index(part)
+    if part.isdecimal() and int(part) < len(listed):
+        return int(part)
+    allowed = f"one of {', '.join(names)}, or a number from 0 to {len(listed) - 1}"
+    raise InputError(key, part, allowed, nearest(part, names))
+
+
+def _listed(values: Any, steps: Sequence[str]) -> Sequence[Any] | None:
+    """The array of tables that stands at a path, None where something else does."""
+    for step in steps:
+        values = values.get(step) if isinstance(values, Mapping) else None
+    is_list = isinstance(values, list | tuple) and any(isinstance(t, Mapping) for t in values)
+    return values if is_list else None
+
+
+def _change_one(values: dict[str, Any], key: str, value: Any) -> bool:
+    """Set a key of one table of an array of tables, as in particles.materials.ash.diameter."""
+    *path, part, name = key.split(".")
+    if (listed := _listed(values, [*path, part])) is not None:
+        names = [str(t.get("name", n)) for n, t in enumerate(listed)]
+        where = ".".join([*path, part])
+        allowed = f"{where}.NAME.{name} with a NAME of {', '.join(names)}"
+        raise InputError(key, value, allowed, f"{where}.{names[0]}.{name}")
+    if not path or (listed := _listed(values, path)) is None:
+        return False
+    number = one_of(listed, part, ".".join(path))
+    changed = {k: v for k, v in listed[number].items() if k != name}
+    if value is not None:
+        changed[name] = value
+    for step in path[:-1]:
+        values[step] = dict(values[step])
+        values = values[step]
+    values[path[-1]] = [changed if n == number else t for n, t in enumerate(listed)]
+    return True
+
+
 def change(values: dict[str, Any], key: str, value: Any) -> None:
     """Set a dotted key in nested tables; a closure keeps its name when a parameter is set."""
     *tables, name = key.split(".")
+    if tables and _change_one(values, key, value):
+        return
     law, laws = ".".join(tables), law_defaults()
     if key not in (*known_keys(), *known_tables(), *CHOOSING) and law not in laws:
         raise unknown_key(key, value)

@@ -140,3 +140,38 @@ def test_a_species_has_the_viscosity_of_a_changed_temperature(dense: dict[str, A
     hot = {"gas.temperature": 400.0}
     assert written.with_values(hot) == Case.from_dict(dense).with_values(hot)
     assert written.with_values(hot).scene.model.gas.viscosity == pytest.approx(23.1e-6, rel=0.02)
+
+
+MATERIALS = [
+    {"name": "ash", "density": 1800, "diameter": 1e-4, "loading": 0.1},
+    {"name": "sand", "density": 2600, "diameter": 3e-4, "loading": 0.2},
+]
+
+
+def with_particles(dense: dict[str, Any]) -> Case:
+    return Case.from_dict(dense | {"particles": {"materials": MATERIALS}})
+
+
+@pytest.mark.parametrize(
+    "key", ["particles.materials.sand.diameter", "particles.materials.1.diameter"]
+)
+def test_one_material_by_its_name_or_number(dense: dict[str, Any], key: str) -> None:
+    case = with_particles(dense)
+    other = case.with_values({key: 5e-4})
+    assert [m.diameter for m in other.scene.particles.materials] == [1e-4, 5e-4]
+    assert other[key] == 5e-4
+    assert case[key] == 3e-4 and MATERIALS[1]["diameter"] == 3e-4
+
+
+@pytest.mark.parametrize(
+    ("key", "words"),
+    [
+        ("particles.materials.snad.diameter", "did you mean 'sand'"),
+        ("particles.materials.2.diameter", "a number from 0 to 1"),
+        ("particles.materials.sand.diametr", "did you mean 'diameter'"),
+        ("particles.materials.diameter", "did you mean 'particles.materials.ash.diameter'"),
+    ],
+)
+def test_a_material_that_is_not_there(dense: dict[str, Any], key: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        with_particles(dense).with_values({key: 1e-4})
