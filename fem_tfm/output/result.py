@@ -63,6 +63,8 @@ QUANTITIES = {
     "particle_drop": "Pa",
     "flux_drop": "Pa",
     "wear": "kg/s",
+    "wear_largest": "kg/m2/s",
+    "wear_position": "m",
     "slug_velocity": "m/s",
     "slug_length": "m",
     "slug_porosity": "-",

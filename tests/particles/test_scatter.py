@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from grids import duct, gas
 
+from fem_tfm.closures.drag import ConstantDrag
 from fem_tfm.closures.particles.dispersion import Eddies, Langevin
 from fem_tfm.materials import Solids
 from fem_tfm.models.particles.cloud import Parcels
@@ -148,3 +149,41 @@ def test_no_dispersion_without_turbulence() -> None:
     parcels = Parcels.release(np.zeros((10, 3)), [0, 0, 20.0], ASH)
     Tracker([ASH], dispersion="langevin").advance(parcels, field, until_z=1.0)
     assert np.abs(parcels.x[:, :2]).max() == 0
+
+
+def rouse_exponent(rouse: float, parcels: int, law: object) -> float:
+    """Exponent that heavy particles settle into in a flow with a parabolic eddy diffusivity."""
+    height, kappa, friction = 2 * HALF, 0.41, 1.0
+    sigma, tau = 1.2 * friction, 1e-3
+    settling = rouse * kappa * friction
+
+    def life_of(x: np.ndarray) -> np.ndarray:
+        y = np.clip(x[:, 1] / height + 0.5, 0.02, 0.98)
+        return kappa * friction * height * y * (1 - y) / sigma**2
+
+    field = gas(duct(cells=32), velocity=[0, 0, 20.0], stress=np.eye(3) * sigma**2, time=life_of)
+    dust = Solids(1000.0, 5e-5)
+    x = np.zeros((parcels, 3))
+    x[:, :2] = np.random.default_rng(1).uniform(-0.099, 0.099, (parcels, 2))
+    cloud = Parcels.release(x, [0, 0, 20.0], dust)
+    weight = (0.0, -settling / tau, 0.0)
+    forces = Forces(drag=ConstantDrag(value=1000.0 / tau), gravity=weight, buoyancy=False)
+    tracker = Tracker([dust], forces, law, steps=Steps(largest=1.0))
+    edges, count = np.linspace(0.05, 0.95, 10), np.zeros(9)
+    for k in range(30):
+        tracker.advance(cloud, field, until_time=4.0 + 0.2 * k)
+        count += np.histogram(cloud.x[:, 1] / height + 0.5, edges)[0]
+    middle = (edges[1:] + edges[:-1]) / 2
+    slope = np.log(1 / middle - 1)
+    return float(np.polyfit(slope, np.log(count), 1, w=np.sqrt(count))[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rouse", [0.25, 0.5, 1.0])
+def test_heavy_particles_settle_into_rouse_profiles(rouse: float) -> None:
+    """C ~ ((h - y)/y)^(w_s/(kappa u*)) with nu_t = kappa u* y (1 - y/h)."""
+    assert rouse_exponent(rouse, 3000, Langevin()) == pytest.approx(rouse, rel=0.06, abs=0.02)
+
+
+def test_a_rouse_profile_of_one_half() -> None:
+    assert rouse_exponent(0.5, 600, Langevin()) == pytest.approx(0.5, abs=0.08)

@@ -109,3 +109,27 @@ def test_a_case_file_says_the_same() -> None:
         Case.from_dict(wrong)
     assert caught.value.key == "particles.materials[0].densty"
     assert caught.value.suggestion == "density"
+
+
+def test_particles_that_meet_before_the_gas_turns_them_are_told() -> None:
+    thick, thin = scene(material=ash(mass_flow=4.0)), scene(material=ash(mass_flow=1e-4))
+    met = scene(material=ash(mass_flow=4.0), collisions="sommerfeld")
+    told = [any("meets another every" in text for text in s.warnings()) for s in (thick, thin, met)]
+    assert told == [True, False, False]
+    assert any("collisions between particles" in text for text in thin.left_out())
+    assert not any("collisions between particles" in text for text in met.left_out())
+
+
+def test_a_law_of_beds_is_told_of() -> None:
+    assert any("lone particle" in text for text in scene(drag="ergun").warnings())
+    assert not any("lone particle" in text for text in scene(drag="wen-yu").warnings())
+
+
+def test_points_that_are_shares_are_told() -> None:
+    points = {"injection": "points", "points": ((0.0, 0.0, 1.0),)}
+    assert any("are shares" in text for text in scene(**points).warnings())
+
+
+def test_a_steady_gas_knows_no_times() -> None:
+    with pytest.raises(InputError, match="solution = 'unsteady' knows times"):
+        scene(release="during")

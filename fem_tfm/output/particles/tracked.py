@@ -320,6 +320,7 @@ class Tracked:
                 found[f"particle_collision_frequency_{name}"] = self.collision_frequency(name)
         if self.wear is not None:
             found["wear"] = self.wear.total
+            found["wear_largest"], found["wear_position"] = self.wear.worst
         return found
 
     def errors(self) -> dict[str, float]:

@@ -66,6 +66,13 @@ class WearMap:
         """Mass that all walls lose [kg/s]."""
         return float(sum(sums[:, 3].sum() for sums in self.sums))
 
+    @property
+    def worst(self) -> tuple[float, float]:
+        """Largest loss of a patch of the map [kg/m2/s], and its place along the line [m]."""
+        table = self.columns()
+        at = int(np.argmax(table["removed"]))
+        return float(table["removed"][at]), float(table["z"][at])
+
     def columns(self) -> dict[str, NDArray[np.float64]]:
         """A row for each stretch and sector."""
         lengths = np.diff(self.edges)

@@ -8,13 +8,18 @@ from typing import Any
 
 import numpy as np
 
+from fem_tfm.closures.turbulence.gas import Laminar
 from fem_tfm.cloud import Cloud, Material
 from fem_tfm.errors import InputError
+from fem_tfm.materials import Solids
+from fem_tfm.models.particles.tracker import drag_factor
 
 # above this loading the gas feels the particles
 ONE_WAY_LOADING = 0.05
 # speed between neighbours over that of the gas; relaxation over time between collisions told of
 RELATIVE, MEETING = 0.03, 0.3
+# Reynolds number at which a law of lone particles is near Stokes's, and how far it may be
+CREEPING, BED_LAW = 0.01, 0.5
 # beyond this fraction a cloud of parcels is no model
 DENSE = 0.1
 # measured: steps of a parcel over a line in units of its eddies, CPU time of a step [s]
@@ -106,7 +111,11 @@ def advice(scene: Any) -> list[str]:
             " and its pressure drop and velocities are not those of the gas alone;"
             " particles.coupling = 'two-way' with solution = 'developing' solves both"
         )
-    said += _meetings(scene)
+    said += _meetings(scene) + _drag_of_one(scene)
+    if cloud.points and any(m.mass_flow or m.loading for m in cloud.materials):
+        said.append(
+            "the mass flows of particles.points are shares, for a material gives its own mass flow"
+        )
     if not one_way and loading > 0 and cloud.parcels * cloud.entries < 5000:
         said.append(
             f"{cloud.parcels * cloud.entries} parcels make a rough force on the gas; some 500 a"
@@ -144,12 +153,28 @@ def _meetings(scene: Any) -> list[str]:
     return said
 
 
+def _drag_of_one(scene: Any) -> list[str]:
+    """Whether a law of drag is one of beds: far from Stokes at a small Reynolds number."""
+    cloud = scene.particles
+    one = Solids(cloud.materials[0].density, cloud.materials[0].diameter)
+    factor = float(drag_factor(cloud.drag, np.array([CREEPING]), scene.model.gas, one)[0])
+    if abs(factor - 1) < BED_LAW:
+        return []
+    return [
+        f"particles.drag = {cloud.drag.name!r} pulls a lone particle {factor:.3g} times as much as"
+        f" Stokes's law at Re = {CREEPING:g}, so that it is outside its range;"
+        " particles.drag = 'clift-gauvin' is a law of lone particles"
+    ]
+
+
 def skipped(scene: Any) -> list[str]:
     """What the particles are followed without, and why."""
     cloud, left_out = scene.particles, []
     if scene.solution == "unsteady" and cloud.release == "after":
         words = "they see its last state; particles.release = after"
         left_out.append(f"change of the gas while particles pass: {words}")
+    if cloud.dispersion.turbulent and isinstance(getattr(scene.model, "turbulence", None), Laminar):
+        left_out.append("scattering by turbulence: the gas is laminar")
     if cloud.coupling == "one-way":
         left_out.append("force of the particles on the gas: particles.coupling = one-way")
     if "gravity" not in cloud.forces:
