@@ -232,9 +232,23 @@ class JohnsonJackson(JohnsonJacksonPressure):
         return Frictional(p_f, coulomb_viscosity(p_f, shear, self.strain_floor, solids))
 
 
+@dataclass(frozen=True)
+class PlasticPressure(Friction):
+    """Plastic pressure of a nearly incompressible bed, P (a - a_min)^m."""
+
+    coefficient: float = parameter(1e24, "Pa", "pressure scale P", gt=0)
+    exponent: float = parameter(10.0, "-", "exponent m of the excess over a_min", ge=1)
+    width: float = _width()
+    strain_floor: float = _floor()
+
+    def pressure(self, alpha_s: Value, solids: Solids) -> Value:
+        """p_f [Pa]."""
+        return self.coefficient * excess(alpha_s, solids, self.width) ** self.exponent
+
+
 @register("friction", "schaeffer")
 @dataclass(frozen=True)
-class Schaeffer(Friction):
+class Schaeffer(PlasticPressure):
     """Plastic pressure of a nearly incompressible bed with Schaeffer's viscosity.
 
         p_f  = P (a - a_min)^m
@@ -246,22 +260,17 @@ class Schaeffer(Friction):
     (1993), MFIX Documentation: Theory Guide.
     """
 
-    coefficient: float = parameter(1e24, "Pa", "pressure scale P", gt=0)
-    exponent: float = parameter(10.0, "-", "exponent m of the excess over a_min", ge=1)
-    width: float = _width()
-    strain_floor: float = _floor()
-
     def stress(
         self, alpha_s: Value, theta: Value, shear: Value, dilation: Value, solids: Solids
     ) -> Frictional:
         """Pressure [Pa] and viscosity [Pa s]."""
-        p_f = self.coefficient * excess(alpha_s, solids, self.width) ** self.exponent
+        p_f = self.pressure(alpha_s, solids)
         return Frictional(p_f, coulomb_viscosity(p_f, shear, self.strain_floor, solids))
 
 
 @register("friction", "syamlal")
 @dataclass(frozen=True)
-class Syamlal(Friction):
+class Syamlal(PlasticPressure):
     """Syamlal-Rogers-O'Brien friction: plastic pressure and Schaeffer's viscosity with a cap.
 
         p_f  = P (a - a_min)^m
@@ -274,17 +283,13 @@ class Syamlal(Friction):
     1000 poise.
     """
 
-    coefficient: float = parameter(1e24, "Pa", "pressure scale P", gt=0)
-    exponent: float = parameter(10.0, "-", "exponent m of the excess over a_min", ge=1)
     max_viscosity: float = parameter(100.0, "Pa s", "cap mu_max of the viscosity", gt=0)
-    width: float = _width()
-    strain_floor: float = _floor()
 
     def stress(
         self, alpha_s: Value, theta: Value, shear: Value, dilation: Value, solids: Solids
     ) -> Frictional:
         """Pressure [Pa] and viscosity [Pa s]."""
-        p_f = self.coefficient * excess(alpha_s, solids, self.width) ** self.exponent
+        p_f = self.pressure(alpha_s, solids)
         floor = capped_floor(p_f, self.max_viscosity, self.strain_floor, solids)
         return Frictional(p_f, coulomb_viscosity(p_f, shear, floor, solids))
 

@@ -49,26 +49,17 @@ INLINE i8 as_int(f8 x) { return (i8)x; }
 INLINE f8 to_float(i8 x) { return __builtin_convertvector(x, f8); }
 INLINE i8 truncated(f8 x) { return __builtin_convertvector(x, i8); }
 
-INLINE f8 load(const float* p) {
-    f8 x;
-    __builtin_memcpy(&x, p, 32);
+// eight numbers that stand behind each other
+template <class Eight>
+INLINE Eight eight(const void* p) {
+    Eight x;
+    __builtin_memcpy(&x, p, sizeof x);
     return x;
 }
-INLINE i8 load(const int32_t* p) {
-    i8 x;
-    __builtin_memcpy(&x, p, 32);
-    return x;
-}
-INLINE u8 load(const uint32_t* p) {
-    u8 x;
-    __builtin_memcpy(&x, p, 32);
-    return x;
-}
-INLINE d8 load(const double* p) {
-    d8 x;
-    __builtin_memcpy(&x, p, 64);
-    return x;
-}
+INLINE f8 load(const float* p) { return eight<f8>(p); }
+INLINE i8 load(const int32_t* p) { return eight<i8>(p); }
+INLINE u8 load(const uint32_t* p) { return eight<u8>(p); }
+INLINE d8 load(const double* p) { return eight<d8>(p); }
 INLINE f4 load4(const float* p) {
     f4 x;
     __builtin_memcpy(&x, p, 16);
