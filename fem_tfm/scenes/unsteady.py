@@ -261,7 +261,10 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
             cloud.tell()
         elif self.particles is not None:
             follow_line(self, LineCarrier(flow, self.particles.dispersion), recorder)
-        return Answer("finished", flow.quantities(), flow.balances(), "pressure_drop")
+        balances = flow.balances()
+        if recorder.tracked is not None:
+            balances |= recorder.tracked.balances()
+        return Answer("finished", flow.quantities(), balances, "pressure_drop")
 
     def _cloud(self, flow: UnsteadyFlow, recorder: FlowRecorder) -> Along | None:
         """Particles that go on with the gas, None where they follow it later or not at all."""

@@ -254,7 +254,13 @@ class Tracked:
             )
         for name in self.materials:
             counts = self.counts(name)
-            gone = {f: n for f, n in counts.items() if n and f not in ("out", "deposited")}
+            gone = {f: counts[f] for f in ("lost", "stuck") if counts[f]}
+            if counts["inside"]:
+                said.append(
+                    f"of {sum(counts.values())} parcels of {name} {counts['inside']} are still on"
+                    " their way at the end: deposition counts what has stayed so far, and a longer"
+                    " run tells more"
+                )
             if gone:
                 told = ", ".join(f"{number} {fate}" for fate, number in gone.items())
                 said.append(
