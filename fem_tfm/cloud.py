@@ -157,6 +157,9 @@ class Cloud(Parameters):
     stations: int = parameter(
         60, doc="places along the line where particles are told", ge=2, le=10**5
     )
+    fields: bool = parameter(
+        False, doc="concentration and velocity of each material in every cell, for ParaView"
+    )
     traced: int = parameter(
         50, doc="trajectories of each material that are written", ge=0, le=10**5
     )
@@ -176,8 +179,9 @@ class Cloud(Parameters):
             raise InputError("particles.points", self.points, words)
         if any(not flow > 0 for _, _, flow in self.points):
             raise InputError("particles.points", self.points, "mass flows above 0")
-        if self.release == "during" and self.collisions is not None:
-            words = "'after' with particles.collisions, which need the cloud of a steady gas"
+        if self.release == "during" and (self.collisions is not None or self.fields):
+            name = "fields" if self.collisions is None else "collisions"
+            words = f"'after' with particles.{name}, which need the cloud of a steady gas"
             raise InputError("particles.release", self.release, words)
         if self.coupling == "one-way":
             for name in ("modulation", "lateral"):

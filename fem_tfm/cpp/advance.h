@@ -218,7 +218,7 @@ struct Stepper {
         }
         Kind::template sample<FULL>(job.grid, rows, place, share, g);
         if (Kind::DIM == 2) slopes(g, mirror);
-        if (job.with_pairs) {
+        if (job.with_pairs && o.pair_share > 0) {
             meet(g, mirror, place.cell, dt);
             for (int i = 0; i < 3; ++i) v[i] = load(s.v[i]), vf[i] = to_float(v[i]);
         }
@@ -772,6 +772,7 @@ struct Stepper {
             const int64_t row = (int64_t)(s.table[k] / kernel::DRAG_ROWS) * job.grid.count + cell[k];
             int64_t* sum = out.sinks.pairs + row * kernel::PAIRS;
             sum[0] += whole(time * scale.number);
+            sum[8] += whole(time * s.mass[k] * scale.pair_mass);
             for (int i = 0; i < 3; ++i) {
                 sum[1 + i] += whole(time * v[i][k] * scale.pair_moment);
                 sum[4 + i] += whole(time * (double)v[i][k] * v[i][k] * scale.pair_square);
@@ -817,7 +818,8 @@ struct Stepper {
             const f8 factor = larger(1.0f - 0.5f * c * slope, splat(0.5f));
             dt = smaller(dt, c * time / factor);
         }
-        if (job.with_pairs) dt = smaller(dt, (float)o.pair_share / larger(load(s.meetings), splat(1e-20f)));
+        if (job.with_pairs && o.pair_share > 0)
+            dt = smaller(dt, (float)o.pair_share / larger(load(s.meetings), splat(1e-20f)));
         store(s.dt, larger(dt, splat((float)o.smallest)));
     }
 

@@ -86,10 +86,10 @@ struct Sinks {
     int64_t* heat = nullptr;   // (cells, 2)
     int64_t* pairs = nullptr;  // (materials, cells, PAIRS)
     double impulse = 0, slope = 0, residence = 0, moment = 0, heat_scale = 0, heat_slope = 0;
-    double number = 0, pair_moment = 0, pair_square = 0, events = 0;
+    double number = 0, pair_moment = 0, pair_square = 0, events = 0, pair_mass = 0;
 };
-// numbers of particles: times in the cell, times velocity x y z, times its squares, collisions
-constexpr int PAIRS = 8;
+// numbers of particles: times in the cell, times velocity x y z, times its squares, collisions, mass
+constexpr int PAIRS = 9;
 constexpr int SUMS = 8;  // impulse x y z, slope, residence, moment x y z
 
 struct ImpactRecord {
@@ -143,8 +143,9 @@ struct Options {
     // wall
     Impact impact = Impact::elastic;
     double restitution = 1, friction = 0, roughness = 0, stick_speed = 0;
-    // collisions: restitution, friction, C of the correlation, largest share of the time between two
-    double pair_restitution = 1, pair_friction = 0, pair_correlation = 0, pair_share = 0.2;
+    // collisions: restitution, friction, C of the correlation, largest share of the time between two,
+    // 0 for none
+    double pair_restitution = 1, pair_friction = 0, pair_correlation = 0, pair_share = 0;
     // steps
     double eddies = 1, relaxation = 1, cells = 1, largest = 4e-3, smallest = 1e-7;
     int64_t max_steps = 1000000;

@@ -305,6 +305,7 @@ Run run_of(const Grid& grid, const nb::dict& geometry, const nb::dict& gas, cons
         run.job.scales.pair_moment = number(sinks, "pair_moment");
         run.job.scales.pair_square = number(sinks, "pair_square");
         run.job.scales.events = number(sinks, "events");
+        run.job.scales.pair_mass = number(sinks, "pair_mass");
         run.job.partners.materials = (int)materials;
         run.job.partners.rows = data<float>(sinks, "partners", materials * n * kernel::PARTNER);
         run.job.partners.diameter = data<double>(sinks, "partner_diameter", materials * kernel::PARTNER_SIZES);

@@ -144,6 +144,8 @@ def _write_particles(out: Path, tracked: of_particles.Tracked, scene: Any) -> No
     of_particles.write_tables(out, tracked)
     of_particles.write_trajectories(out, tracked)
     of_particles.write_cloud(out, tracked)
+    if tracked.lattice is not None:
+        tracked.lattice.write(out / "particle_fields.vtu", tracked.materials)
     if tracked.wear is not None and tracked.wear.sums:
         tracked.wear.write(out, scene.title, scene.output.pictures)
     if scene.output.pictures:

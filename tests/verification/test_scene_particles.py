@@ -6,6 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import meshio
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -107,7 +108,9 @@ def test_any_number_of_ranks_follows_the_same_particles() -> None:
 def test_a_march_that_was_cut_short_goes_on_to_the_same_bits(
     coupling: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    one = case(**{"particles.coupling": coupling, "particles.parcels": 500})
+    more = {"collisions": "sommerfeld", "fields": True} if coupling == "two-way" else {}
+    more |= {"coupling": coupling, "parcels": 500}
+    one = case(**{f"particles.{name}": value for name, value in more.items()})
     whole = run(one, tmp_path / "whole")
     keep = LineRecorder.station
 
@@ -125,6 +128,10 @@ def test_a_march_that_was_cut_short_goes_on_to_the_same_bits(
         assert found[name] == whole[name], name
     tables = [(tmp_path / name / "particles.csv").read_text() for name in ("whole", "cut")]
     assert tables[0] == tables[1]
+    files = [tmp_path / name / "particle_fields.vtu" for name in ("whole", "cut")]
+    assert [file.is_file() for file in files] == [coupling == "two-way"] * 2
+    if coupling == "two-way":
+        assert files[0].read_bytes() == files[1].read_bytes()
 
 
 def test_particles_of_a_developed_gas_come_closer_to_it(tmp_path: Path) -> None:
@@ -392,3 +399,47 @@ def test_the_friction_of_a_coupled_gas_is_that_of_its_walls(coupled: Result) -> 
     alone = run(case(**{"particles": None}))["friction_factor"]
     # the particles take ten times as much of the gradient, which is no friction
     assert coupled["friction_factor"] == pytest.approx(alone, rel=0.5)
+
+
+@pytest.mark.parametrize("make", [developed, bend])
+def test_fields_hold_the_mass_of_the_cloud(make: Any, tmp_path: Path) -> None:
+    """The sum of concentration over the cells is the mass flow times the time of residence."""
+    one = make(**{"particles.fields": True, "particles.impact": "elastic"})
+    found = run(one, tmp_path)
+    mesh = meshio.read(tmp_path / "particle_fields.vtu")
+    block, tracked = mesh.cells[0], found.tracked
+    assert tracked is not None and tracked.lattice is not None
+    name = tracked.materials[0]
+    volume = volumes(mesh.points, block.type, block.data)
+    mass = float(volume @ mesh.cell_data[f"{name}_concentration"][0])
+    chosen = tracked.of(name)
+    flow = float((tracked.mass * tracked.rate)[chosen].sum())
+    images = 2**tracked.lattice.folds
+    assert mass * images == pytest.approx(flow * tracked.residence_time(name)[0], rel=0.02)
+    speed = np.linalg.norm(mesh.cell_data[f"{name}_velocity"][0], axis=1)
+    assert speed.max() < 2 * tracked.column(name, "fastest").max()
+
+
+SPLIT = {
+    "hexahedron": [
+        (0, 1, 2, 6),
+        (0, 2, 3, 6),
+        (0, 3, 7, 6),
+        (0, 7, 4, 6),
+        (0, 4, 5, 6),
+        (0, 5, 1, 6),
+    ],
+    "wedge": [(0, 1, 2, 5), (0, 1, 5, 4), (0, 4, 5, 3)],
+    "tetra": [(0, 1, 2, 3)],
+}
+
+
+def volumes(points: np.ndarray, kind: str, cells: np.ndarray) -> np.ndarray:
+    """Volumes of cells by their tetrahedra, negative where corners stand in a wrong order [m3]."""
+    x, found = points[cells], np.zeros(len(cells))
+    for a, b, c, d in SPLIT[kind]:
+        edges = np.stack([x[:, b] - x[:, a], x[:, c] - x[:, a], x[:, d] - x[:, a]], axis=1)
+        part = np.linalg.det(edges) / 6
+        assert (part > 0).all()
+        found += part
+    return found

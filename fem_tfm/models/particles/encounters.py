@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""What particles meet in each cell: how many others, how fast, and how often they collide.
+"""What is in each cell: how many particles, how fast, and how often they collide.
 
-The cloud of a steady stream is not known before it was followed. A stretch is therefore followed
-again until the collisions of a pass are those of the cloud that it left.
+With a law of collisions particles meet what was found in a pass before. The cloud of a steady
+stream is not known before it was followed. A stretch is therefore followed again until the
+collisions of a pass are those of the cloud that it left.
 """
 
 from __future__ import annotations
@@ -22,6 +23,10 @@ from fem_tfm.models.particles.sinks import FEWEST, FINENESS, TIME
 
 # typical velocity [m/s], a power of two
 SPEED = 32.0
+FIELDS = 8
+NO_COLLISIONS = {
+    "pair_restitution": 1.0, "pair_friction": 0.0, "pair_correlation": 0.0, "pair_share": 0.0,
+}  # fmt: skip
 
 
 class Encounters:
@@ -29,42 +34,50 @@ class Encounters:
 
     Parameters
     ----------
-    law : of the collisions
+    law : of the collisions, None only counts
     grid : cells
     parcels : of this rank, as they enter (collective on `comm`)
     materials : number of materials of the whole cloud
 
     Attributes
     ----------
+    fields : (materials, cells, 8) of the last pass: concentration [kg/m3], number a volume [1/m3],
+        mean velocity x y z, standard deviation x y z [m/s]
     partners : (materials, cells, 8) what the next pass meets: number a volume [1/m3], mean velocity
         x y z, standard deviation x y z [m/s], mean diameter [m]
     """
 
     def __init__(
         self,
-        law: ParticleCollisions,
+        law: ParticleCollisions | None,
         grid: Grid,
         parcels: Parcels,
         materials: int,
         comm: MPI.Comm | None = None,
     ) -> None:
         self.law, self.grid, self.comm = law, grid, comm
-        most, count = float(parcels.rate.max(initial=0.0)), len(parcels)
-        if comm is not None:
-            most, count = comm.allreduce(most, MPI.MAX), comm.allreduce(count)
-        number = max(most * max(count, FEWEST), 1e-300)
-        unit = FINENESS * 2.0 ** math.ceil(math.log2(number))
+        count = len(parcels) if comm is None else comm.allreduce(len(parcels))
+        unit = FINENESS * self._most(parcels.rate) * 2.0 ** math.ceil(math.log2(max(count, FEWEST)))
         self.quanta = {
             "number": unit * TIME,
             "pair_moment": unit * TIME * SPEED,
             "pair_square": unit * TIME * SPEED**2,
             "events": unit,
+            "pair_mass": unit * TIME * self._most(parcels.mass),
         }
         shape = (materials, grid.count)
         self.sums = np.zeros((*shape, _kernel.PAIRS), dtype=np.int64)
         self.partners = np.zeros((*shape, _kernel.PARTNER), dtype=np.float32)
+        self.fields = np.zeros((*shape, FIELDS))
         self._sizes(parcels, materials)
         self._events = 0.0
+
+    def _most(self, values: Floats) -> float:
+        """A power of two that no value of any rank exceeds (collective)."""
+        most = float(values.max(initial=0.0))
+        if self.comm is not None:
+            most = self.comm.allreduce(most, MPI.MAX)
+        return float(2.0 ** math.ceil(math.log2(max(most, 1e-300))))
 
     def _sizes(self, parcels: Parcels, materials: int) -> None:
         """Diameters of each material in shares of equal number, and its density."""
@@ -96,7 +109,7 @@ class Encounters:
             "partner_diameter": self.diameter,
             "partner_density": self.density,
             **{name: 1 / quantum for name, quantum in self.quanta.items()},
-            **self.law.numbers(),
+            **(NO_COLLISIONS if self.law is None else self.law.numbers()),
         }
 
     def renew(self, volume: npt.ArrayLike) -> float:
@@ -117,6 +130,8 @@ class Encounters:
         self.partners[..., 1:4] = mean
         self.partners[..., 4:7] = np.sqrt(np.maximum(square - mean**2, 0.0))
         self.partners[..., 7] = self.diameter.mean(axis=1)[:, None]
+        self.fields[..., 0] = self.sums[..., 8] * self.quanta["pair_mass"] / np.asarray(volume)
+        self.fields[..., 1:] = self.partners[..., :7]
         before, self._events = self._events, float(self._expected(np.asarray(time, dtype=float)))
         return abs(self._events - before) / max(self._events, 1e-300) if self._events else 0.0
 
@@ -124,7 +139,7 @@ class Encounters:
         """Collisions a second between particles of a kind, without correlation [1/s]."""
         spread = np.sqrt(2 * (self.partners[..., 4:7].astype(float) ** 2).sum(axis=-1))
         reach = self.partners[..., 7].astype(float)
-        rate = self.law.frequency(self.partners[..., 0].astype(float), reach, spread)
+        rate = ParticleCollisions.frequency(self.partners[..., 0].astype(float), reach, spread)
         return (time * rate).sum()
 
     @property

@@ -8,6 +8,7 @@ Files of a run, written on rank 0:
     trajectories.vtu   some trajectories as lines (ParaView, VTK, meshio)
     cloud.vtu          every parcel where it left the line or stayed
     deposits.csv       parcels that stay on the wall
+    particle_fields.vtu  concentration and velocity of each material in every cell, if asked for
 """
 
 from __future__ import annotations
@@ -23,12 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fem_tfm.output.files import replaced
+from fem_tfm.output.particles.lattice import Lattice
 from fem_tfm.output.particles.wear import WearMap
 from fem_tfm.output.profiles import write_profiles
 
 FILES = (
     "particles.csv", "entries.csv", "trajectories.vtu", "cloud.vtu", "deposits.csv", "wear.csv",
-    "particles.png", "deposition.png", "wear.png",
+    "particles.png", "deposition.png", "wear.png", "particle_fields.vtu",
 )  # fmt: skip
 # what may become of a parcel, in the order of its status
 FATES = ("inside", "out", "deposited", "lost", "stuck")
@@ -97,6 +99,7 @@ class Tracked:
     met : collisions a second and number of particles by material, shape (materials, 2), in the
         stretch before each place but the first, or of the whole line; empty without a law of
         collisions
+    lattice : concentration and velocity in every cell, None unless asked for
     unsettled : largest relative change of the collisions between the last two passes of a stretch
     """
 
@@ -117,6 +120,7 @@ class Tracked:
     status: NDArray[np.int8] = field(init=False)
     met: list[NDArray[np.float64]] = field(default_factory=list)
     unsettled: float = 0.0
+    lattice: Lattice | None = None
 
     def __post_init__(self) -> None:
         self.rows = {name: [] for name in self.materials}
@@ -205,6 +209,8 @@ class Tracked:
             if (moment := getattr(self, key)) is not None:
                 parts = {f.name: np.asarray(getattr(moment, f.name)) for f in fields(Moment)}
                 found |= {f"{key}.{name}": value for name, value in parts.items()}
+        if self.lattice is not None:
+            found |= {f"lattice.{name}": value for name, value in self.lattice.state().items()}
         if self.wear is not None:
             found |= {f"wear.{name}": value for name, value in self.wear.state().items()}
         return found
@@ -221,6 +227,8 @@ class Tracked:
             parts = {f.name: arrays[f"{key}.{f.name}"] for f in fields(Moment)}
             place = float(parts.pop("z"))
             setattr(self, key, Moment(place, **parts))
+        if self.lattice is not None:
+            self.lattice.restore({name: arrays[f"lattice.{name}"] for name in ("edges", "fields")})
         if self.wear is not None:
             self.wear.restore({name: arrays[f"wear.{name}"] for name in ("edges", "sums")})
 

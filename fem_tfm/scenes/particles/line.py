@@ -86,7 +86,7 @@ def follow_line(scene: Any, carrier: LineCarrier, recorder: Any) -> None:
     carrier.update()
     tracking = _OnLine(scene, carrier, recorder.comm)
     recorder.tracked = tracking.tracked
-    passes = 1 if tracking.encounters is None else MOST_PASSES
+    passes = 1 if scene.particles.collisions is None else MOST_PASSES
     for number in range(passes):
         recorder.progress.stage(f"following {len(tracking.tracked.material)} parcels")
         message = tracking.pass_through(recorder.progress)
@@ -139,7 +139,8 @@ class _OnLine(Tracking):
     @property
     def settled(self) -> bool:
         """Whether the last pass left the collisions as they were."""
-        return self.encounters is None or self._change < COLLISION_CHANGE
+        met = self.encounters
+        return met is None or met.law is None or self._change < COLLISION_CHANGE
 
     def go_on(self, time: float) -> int:
         """Follow all parcels to a time [s]; how many are still inside (collective)."""
@@ -173,9 +174,7 @@ class _OnLine(Tracking):
             across = mesh.straightened(at)[:, :2]
             clock = np.nan_to_num(time[n])
             self.tracked.take(Moment(float(z), clock, at, speed, inside, along, across), status)
-        if self.encounters is not None:
-            met = self.encounters
-            self.tracked.meet(met.collisions, met.residence, self._change)
+        self.count(0.0, self.scene.geometry.length)
         if self.wear is not None:
             self.book()
             for z, sums in zip(self.crossings.places[1:], self.worn, strict=True):

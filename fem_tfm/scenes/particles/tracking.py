@@ -16,10 +16,12 @@ from fem_tfm.models.carrier import Carrier, ReynoldsStressCarrier, SectionCarrie
 from fem_tfm.models.particles.cloud import INSIDE, OUT, Parcels
 from fem_tfm.models.particles.encounters import Encounters
 from fem_tfm.models.particles.field import TIME
+from fem_tfm.models.particles.grid import Grid
 from fem_tfm.models.particles.sinks import Sinks
 from fem_tfm.models.particles.tracker import Forces, Impacts, Steps, Tracker
 from fem_tfm.models.reynolds_stress.exchange import Exchange
 from fem_tfm.models.reynolds_stress.heat import GasHeat
+from fem_tfm.output.particles.lattice import Lattice
 from fem_tfm.output.particles.tracked import Moment, Tracked
 from fem_tfm.output.particles.wear import WearMap
 from fem_tfm.scenes.particles.words import gas_flow
@@ -54,6 +56,12 @@ def carrier_of(scene: Any, section: Any, heat: GasHeat | None = None) -> Carrier
     if heat is not None and isinstance(carrier, ReynoldsStressCarrier):
         carrier.warm(heat, scene.model.heat.heat_capacity)
     return carrier
+
+
+def lattice_of(grid: Grid) -> Lattice:
+    """The cells of a grid as files know them."""
+    corners = sorted({n for facet in grid.cell.facets for n in facet})
+    return Lattice(grid.points, grid.nodes[:, corners], grid.folds)
 
 
 def release_times(scene: Any, number: int, count: int) -> Floats:
@@ -126,9 +134,10 @@ class Tracking:
             mass=whole.mass,
             rate=whole.rate,
             traced=np.concatenate(traced),
+            lattice=lattice_of(carrier.grid) if cloud.fields else None,
         )
         self.encounters: Encounters | None = None
-        if cloud.collisions is not None:
+        if cloud.collisions is not None or cloud.fields:
             grid, count = carrier.grid, len(cloud.materials)
             self.encounters = Encounters(cloud.collisions, grid, self.parcels, count, comm)
         # where the parcels stand [m], and how much the last pass changed the collisions
@@ -169,7 +178,9 @@ class Tracking:
 
     def again(self, z: float) -> None:
         """`to`, until collisions are those of the cloud that they leave (collective)."""
-        if self.encounters is None:
+        if self.encounters is None or self.encounters.law is None:
+            if self.encounters is not None:
+                self.encounters.clear()
             self.to(z)
             return
         begun = self.parcels.copy()
@@ -187,12 +198,21 @@ class Tracking:
             inside = (whole.status == INSIDE) | (whole.status == OUT)
             moment = Moment(z, whole.time, whole.x, whole.v, inside), whole.status
         self.tracked.take(*self.comm.bcast(moment))
-        if self.encounters is not None and z > self._stands:
-            met = self.encounters
-            self.tracked.meet(met.collisions, met.residence, self._change)
+        if z > self._stands:
+            self.count(self._stands, z)
         self._stands = z
         if self.impacts is not None:
             self._enter_impacts(z)
+
+    def count(self, start: float, end: float) -> None:
+        """Tell what was in each cell of a stretch [m], and how often it collided."""
+        met = self.encounters
+        if met is None:
+            return
+        if met.law is not None:
+            self.tracked.meet(met.collisions, met.residence, self._change)
+        if self.tracked.lattice is not None:
+            self.tracked.lattice.take(start, end, met.fields)
 
     def _enter_impacts(self, end: float) -> None:
         """Put the impacts of the last stretch on the map of wear (collective)."""
