@@ -70,7 +70,7 @@ class Encounters:
         self.partners = np.zeros((*shape, _kernel.PARTNER), dtype=np.float32)
         self.fields = np.zeros((*shape, FIELDS))
         self._sizes(parcels, materials)
-        self._events = 0.0
+        self._frequency = 0.0
 
     def _most(self, values: Floats) -> float:
         """A power of two that no value of any rank exceeds (collective)."""
@@ -118,7 +118,7 @@ class Encounters:
         volume : of each cell with its images, over the stretch that was followed [m3]; for parcels
             that stand for numbers and not for rates, times the time that was followed [m3 s]
 
-        The change is that of the expected number of collisions a second of all cells.
+        The change is that of the mean frequency of collisions that the cloud would expect.
         """
         if self.comm is not None:
             self.comm.Allreduce(MPI.IN_PLACE, self.sums, MPI.SUM)
@@ -132,15 +132,15 @@ class Encounters:
         self.partners[..., 7] = self.diameter.mean(axis=1)[:, None]
         self.fields[..., 0] = self.sums[..., 8] * self.quanta["pair_mass"] / np.asarray(volume)
         self.fields[..., 1:] = self.partners[..., :7]
-        before, self._events = self._events, float(self._expected(np.asarray(time, dtype=float)))
-        return abs(self._events - before) / max(self._events, 1e-300) if self._events else 0.0
+        before, self._frequency = self._frequency, float(self._expected(np.asarray(time, dtype=float)))
+        return abs(self._frequency - before) / max(self._frequency, 1e-300) if self._frequency else 0.0
 
     def _expected(self, time: Floats) -> Any:
-        """Collisions a second between particles of a kind, without correlation [1/s]."""
+        """Mean frequency of collisions between particles of a kind, without correlation [1/s]."""
         spread = np.sqrt(2 * (self.partners[..., 4:7].astype(float) ** 2).sum(axis=-1))
         reach = self.partners[..., 7].astype(float)
         rate = ParticleCollisions.frequency(self.partners[..., 0].astype(float), reach, spread)
-        return (time * rate).sum()
+        return (time * rate).sum() / max(time.sum(), 1e-300)
 
     @property
     def collisions(self) -> Floats:
