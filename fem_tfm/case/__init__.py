@@ -12,7 +12,15 @@ from pathlib import Path
 from typing import Any
 
 import fem_tfm.scenes  # noqa: F401  (the scenes register themselves)
-from fem_tfm.case.edit import change, drop_references, each_once, give_way, parse_override, read
+from fem_tfm.case.edit import (
+    change,
+    drop_ranges,
+    drop_references,
+    each_once,
+    give_way,
+    parse_override,
+    read,
+)
 from fem_tfm.scenes.kinds import known_keys
 from fem_tfm.scenes.reading import scene_from, tables_of
 from fem_tfm.scenes.recorder import case_text
@@ -38,11 +46,13 @@ class Case:
     def load(cls, path: str | Path, overrides: Iterable[str] = ()) -> Case:
         """Read a TOML file; `overrides` are texts "key=value" as given to --set.
 
-        Published values of the file are dropped where an override makes the flow another one.
+        Published values of the file are dropped where an override makes the flow another one, and
+        the range of a number that is overridden.
         """
         values = read(Path(path))
         changes = each_once("--set", map(parse_override, overrides))
         drop_references(values, changes)
+        drop_ranges(values, changes)
         give_way(values, changes)
         for key, value in changes.items():
             change(values, key, value)
@@ -60,6 +70,7 @@ class Case:
         """
         values = self.given
         drop_references(values, changes)
+        drop_ranges(values, changes)
         give_way(values, changes)
         for key, value in changes.items():
             change(values, key, value)

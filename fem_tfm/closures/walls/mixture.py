@@ -33,7 +33,7 @@ EDDY_TIME = 0.45
 BLEND = 2.5
 # iterations for u_g; two leave 0.2 % for Z < 3, three 2 % for Z = 100
 ITERATIONS = 3
-# von Karman's constant, and kappa 11.5, the velocity at the edge of the sublayer: y+ = ln(9.8 y+)/kappa
+# von Karman's constant, and kappa y+ at the edge of the sublayer, y+ = ln(9.8 y+)/kappa
 KAPPA, EDGE = 0.41, 4.73
 # keeps a law without traction finite
 _TINY = 1e-30

@@ -249,7 +249,8 @@ class Turbulence:
         if not laws.closures.gas_wall.strong:
             beside = None
             if laws.solids:
-                beside = tuple(values[first] for values in self._beside(now, laws))
+                alpha, slipping = self._beside(now, laws)
+                beside = alpha[first], slipping[first]
             k = eddies.k[first]
             friction, _ = laws.at(first).wall_friction(slip, self._height, k, beside)
         squares = np.zeros(cells.owned)

@@ -61,9 +61,7 @@ def wall_centre(
     return WallState(ufl.max_value(alpha, 0), theta, at.g0, at.p_f, slip)
 
 
-def gas_wall(
-    on: FacetForms, point: Pointwise, at: SimpleNamespace, height: Any
-) -> tuple[Any, Any]:
+def gas_wall(on: FacetForms, point: Pointwise, at: SimpleNamespace, height: Any) -> tuple[Any, Any]:
     """Friction c of the tractions -c u [Pa s/m]: of a wall on pure gas, of its eddies on solids."""
     speed = point.speed(tangential(at.u_g, on.normal.edge))
     beside = present(at.alpha), point.speed(at.u_g - at.u_s)
