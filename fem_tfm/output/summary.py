@@ -119,7 +119,7 @@ def _quantities(result: Result) -> Table:
         table.add_row(Text(name, style="bold"), number(quantity.value), error, quantity.unit)
         if (span := result.input_range(name)) is not None:
             words = Padding.indent(Text("unprinted inputs"), 2)
-            table.add_row(words, "–".join(number(end, 3) for end in span), "", quantity.unit)
+            table.add_row(words, " to ".join(number(end, 3) for end in span), "", quantity.unit)
         for reference in quantity.references:
             table.add_row(*_comparison(quantity, reference), style="dim")
     return table

@@ -26,7 +26,7 @@ from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas
 from fem_tfm.scenes.judged.finer import finer_mesh, trusted
 from fem_tfm.scenes.judged.inputs import Uncertain, check_ranges, input_ranges
-from fem_tfm.scenes.judged.plausible import derived
+from fem_tfm.scenes.judged.plausible import derived, estimates, out_of_range
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles import words as cloud_words
 from fem_tfm.scenes.particles.tracking import carrier_of, follow
@@ -57,6 +57,17 @@ class SectionScene[P: SectionPhysics, R: Recorder](Scene[P, R]):
     def advice(self) -> list[str]:
         """What the user probably did not mean, one sentence each."""
         return self.physics.advice()
+
+    def estimates(self, answer: Answer) -> list[str]:
+        """What published correlations give for the same line, in words."""
+        return estimates(self, answer.quantities) if isinstance(self.model, TwoFluid) else []
+
+    def judge(self, answer: Answer) -> list[str]:
+        """What an answer must say of itself; raises SolverError where it is none."""
+        said = super().judge(answer)
+        if isinstance(self.model, TwoFluid):
+            said += out_of_range(self, answer.quantities)
+        return said
 
     def examine(self) -> None:
         """Refuse what cannot be solved, without solving it; raises InputError."""
