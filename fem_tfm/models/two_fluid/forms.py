@@ -298,14 +298,17 @@ class TwoFluidForms:
         """Volume flux of the solids by the diffusion of q [m/s].
 
         -(alpha_diffusion alpha_s/(alpha_s + 0.01) + capture h^2 |div(alpha_s u_s)|) grad q
+
+        The least rate of the second term fades with alpha_s as the first does.
         """
         alpha = self.alpha(state)
         rate = ufl.inner(self.axis.gradient(alpha), state.u_s)
         rate += alpha * ufl.tr(self.axis.jacobian(state.u_s))
         rate += self.axis.change(lambda s: self.alpha(s) * s.u_s[2], state)
-        capture = self.numerics.capture * self.domain.cell_area * self.bounded(rate**2)
         # what a void needs would hide the profile of a dilute suspension
-        floor = self.numerics.alpha_diffusion * alpha / (alpha + DILUTE)
+        fade = alpha / (alpha + DILUTE)
+        capture = self.numerics.capture * self.domain.cell_area * self.bounded(rate**2, fade)
+        floor = fade * self.numerics.alpha_diffusion
         return -(floor + capture) * self.axis.gradient(state.q)
 
     def grid_viscosity(self, u: Expr) -> Expr:
@@ -314,9 +317,9 @@ class TwoFluidForms:
         across = sum(rate[i, j] ** 2 for i in range(2) for j in range(2))
         return self.numerics.damping * self.domain.cell_area * self.bounded(across)
 
-    def bounded(self, square: Expr) -> Expr:
+    def bounded(self, square: Expr, fade: Expr | float = 1.0) -> Expr:
         """Root of the square of a rate, kept off zero where its slope is infinite [1/s]."""
-        return ufl.sqrt(square + self.numerics.smallest_rate**2)
+        return ufl.sqrt(square + (fade * self.numerics.smallest_rate) ** 2)
 
     # -- balances ------------------------------------------------------------------------------
 
