@@ -38,7 +38,8 @@ from fem_tfm.solvers import nested
 
 LAWS = ("k-epsilon", "realizable")
 FOUR = {
-    "closures.turbulence": "realizable-4eq",
+    "closures.turbulence": "realizable",
+    "closures.dispersed": "k-epsilon",
     "closures.dispersion": "burns",
     "walls.gas": "log-law-k",
 }
