@@ -90,8 +90,9 @@ def test_a_scene_without_sensitivities_says_which_has_them(root: Path, demo: str
 # -- ranges of inputs that are not printed -------------------------------------------------------
 
 
+FRICTION = "walls.solids.friction_coefficient"
 RANGES = [
-    {"key": "solids.diameter", "low": 1.5e-4, "high": 1.7e-4, "reason": "a sieve"},
+    {"key": FRICTION, "low": 0.48, "high": 0.51, "reason": "a slope"},
     {"key": "gas.density", "low": 33.0, "high": 33.5, "reason": "a thermometer"},
 ]
 
@@ -100,20 +101,20 @@ def test_ranges_of_inputs_stand_beside_the_answer(upward: Case, tmp_path: Path) 
     """What they move it by is what neighbouring answers say, in result.json as well."""
     case = Case.from_dict({**upward.given, "uncertain": RANGES, "output": {"pictures": False}})
     result = case.scene.run(tmp_path / "out")
-    grains, density = Result.read(tmp_path / "out").inputs
-    assert (grains.key, grains.low, grains.high) == ("solids.diameter", 1.5e-4, 1.7e-4)
+    wall, density = Result.read(tmp_path / "out").inputs
+    assert (wall.key, wall.low, wall.high) == (FRICTION, 0.48, 0.51)
     answer = solved(upward)
     gradient = answer.quantities["pressure_gradient"]
     ends = []
-    for low in (1.5e-4, 1.7e-4):
-        answer = solved(upward.with_values({"solids.diameter": low}), answer)
+    for end in (0.48, 0.51):
+        answer = solved(upward.with_values({FRICTION: end}), answer)
         ends.append(answer.quantities["pressure_gradient"] / gradient - 1)
-    assert [grains.down, grains.up] == pytest.approx(sorted(ends), abs=2e-3)
+    assert [wall.down, wall.up] == pytest.approx(ends, rel=0.05)
     # the density lies at the upper end of its range
     assert density.down < 0 == density.up
     span = result.input_range("pressure_drop")
     assert span is not None and span[0] < result["pressure_drop"] < span[1]
-    drop = math.hypot(grains.down, density.down)
+    drop = math.hypot(wall.down, density.down)
     assert span[0] == pytest.approx(result["pressure_drop"] * (1 - drop))
     assert result.input_range("holdup") is None
 
@@ -124,8 +125,8 @@ def test_ranges_of_inputs_stand_beside_the_answer(upward: Case, tmp_path: Path) 
         ({"key": "solids.diametre"}, "uncertain\\[0\\].key = 'solids.diametre'"),
         ({"key": "closures.friction"}, "has a number"),
         ({"key": "geometry.diameter", "low": 0.009, "high": 0.011}, "leaves the mesh"),
-        ({"low": 1.8e-4}, "uncertain\\[0\\]"),
-        ({"low": 1.61e-4}, "around solids.diameter = 0.00016"),
+        ({"low": 0.52}, "uncertain\\[0\\]"),
+        ({"low": 0.505}, "around walls.solids.friction_coefficient = 0.5"),
         ({"reason": ""}, "where the range is from"),
     ],
 )
@@ -138,9 +139,10 @@ def test_a_range_of_what_is_no_number_is_refused(
 
 def test_a_number_that_is_set_has_no_range_any_more(upward: Case) -> None:
     case = Case.from_dict({**upward.given, "uncertain": RANGES})
-    (left,) = case.with_values({"solids.diameter": 2e-4}).scene.uncertain
+    (left,) = case.with_values({FRICTION: 0.3}).scene.uncertain
     assert left.key == "gas.density"
-    both = {"solids.diameter": 2e-4, "gas.density": 30.0}
+    assert len(case.with_values({"walls.solids": "coulomb"}).scene.uncertain) == 1
+    both = {FRICTION: 0.3, "gas.density": 30.0}
     assert case.with_values(both).scene.uncertain == ()
     # another solution has no adjoint, and so no ranges
     unsteady = {"solution": "unsteady", "numerics.end_time": 0.1, "numerics.tolerance": None}
