@@ -147,6 +147,12 @@ class InputRange:
     up: float
     reason: str
 
+    def __str__(self) -> str:
+        """In words: "solids.diameter from 0.00014 to 0.00019: -2.2 to +3.3 % (eq. (22))"."""
+        # adding zero turns -0.0 into 0.0
+        down, up = (f"{round(100 * change, 1) + 0.0:+.1f}" for change in (self.down, self.up))
+        return f"{self.key} from {self.low:g} to {self.high:g}: {down} to {up} % ({self.reason})"
+
 
 # quantities that the inputs move as they move the pressure gradient
 WITH_GRADIENT = ("pressure_gradient", "pressure_drop")

@@ -11,7 +11,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from fem_tfm.output.result import InputRange, Quantity, Reference, Result
+from fem_tfm.output.result import Quantity, Reference, Result
 
 # lines of each list; what is left out is in result.json
 LISTED = 4
@@ -44,7 +44,7 @@ def print_summary(result: Result, console: Console | None = None) -> None:
     for warning in result.warnings:
         console.print(Text(f"warning   {warning}", style="yellow"), width=width)
     lists = (
-        ("inputs", [input_words(one) for one in result.inputs]),
+        ("inputs", [str(one) for one in result.inputs]),
         ("plausible", result.estimates),
         ("skipped", result.skipped),
         ("inferred", result.inferred),
@@ -67,12 +67,6 @@ def error_notes(result: Result) -> list[str]:
     sampled = {name for name in known if name.startswith("particle_exit")}
     note = INPUT_NOTE if result.inputs else MESH_NOTE
     return [note] * bool(known - sampled) + [SAMPLE_NOTE] * bool(sampled)
-
-
-def input_words(one: InputRange) -> str:
-    """What a range of an input moves the pressure gradient by."""
-    down, up = (f"{round(100 * change, 1) + 0.0:+.1f}" for change in (one.down, one.up))
-    return f"{one.key} from {one.low:g} to {one.high:g}: {down} to {up} % ({one.reason})"
 
 
 def number(value: float | None, digits: int = 4) -> str:
