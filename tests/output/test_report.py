@@ -107,8 +107,8 @@ def test_a_converged_run(tmp_path: Path) -> None:
     for words in (
         "line <1> & more", "converged : dense flow, developed solution; 1,632 cells",
         "pressure drop 4020 12 Pa", "exp & co 4260 Pa -5.6 %", "mesh D 4090 Pa -1.7 %",
-        "gas mass 1.0e-12", "heat: not asked for", "gas.density: p/(R T)", "to +0.5 % (a sieve)", "gives 3 Pa/m",
-        "solve 1.5 s",
+        "gas mass 1.0e-12", "heat: not asked for", "gas.density: p/(R T)", "solve 1.5 s",
+        "to +0.5 % (a sieve)", "gives 3 Pa/m",
         "diameter = 0.01", "step <1> step 2",
     ):  # fmt: skip
         assert words in page.text, words
