@@ -94,6 +94,18 @@ def rizk_velocity(
     return float(wanted ** (1 / (chi + 1)))
 
 
+def konno_saito(flux: float, diameter: float, gravity: float) -> float:
+    """Pressure gradient by the friction of conveyed grains, 0.057 G sqrt(g/D) [Pa/m].
+
+    flux : G of the solids [kg/m2/s]
+    diameter : hydraulic diameter D [m]
+
+    Made for grains of 0.1 to 1 mm in dilute lines, level and rising, within 30 %. Source: Konno and
+    Saito (1969), J. Chem. Eng. Japan 2, 211-217.
+    """
+    return 0.057 * flux * math.sqrt(gravity / diameter)
+
+
 # the power law ends short of the wall, over half the hydraulic diameter
 NEAREST = 0.01
 

@@ -9,7 +9,7 @@ coal = ft.Solids(density=1700, diameter=1.6e-4)
 opens = [[0.0, 0.0], [0.005, 1.0]]
 feed = ft.Feed(6.43, solids_fraction=0.1, solids_velocity=6.0, solids_schedule=opens)
 scene = ft.Unsteady(
-    ft.TwoFluid(nitrogen, coal),
+    ft.TwoFluid(nitrogen, coal, dispersed="none", dispersion="none"),
     bend,
     feed,
     numerics=ft.TimeNumerics(end_time=0.06, courant=2.0),

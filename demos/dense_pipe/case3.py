@@ -11,7 +11,6 @@ model = ft.TwoFluid(
     coal,
     turbulence="realizable",
     dispersed=ft.laws.DispersedKEpsilon(normal_stress=1.0),
-    dispersion=ft.laws.Burns(),
     gas_wall="log-law-k",
     wall_distance=3.2e-4,
 )

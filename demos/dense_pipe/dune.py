@@ -8,7 +8,7 @@ nitrogen = ft.Gas(density=33.5, viscosity=1.8e-5)
 coal = ft.Solids(density=1700, diameter=1.6e-4)
 feed = ft.Feed(1.0, solids_fraction=0.01, solids_velocity=0.8)
 scene = ft.Unsteady(
-    ft.TwoFluid(nitrogen, coal),
+    ft.TwoFluid(nitrogen, coal, dispersed="none", dispersion="none"),
     pipe,
     feed,
     initial=ft.Initial("bed", bed_fraction=0.5, bed_height=0.004, bed_start=0.03, bed_end=0.08),

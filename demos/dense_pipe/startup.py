@@ -6,10 +6,13 @@ import fem_tfm as ft
 pipe = ft.Pipe(diameter=0.010, length=0.3)
 nitrogen = ft.Gas(density=33.5, viscosity=1.8e-5)
 coal = ft.Solids(density=1700, diameter=1.6e-4)
+model = ft.TwoFluid(
+    nitrogen, coal, turbulence="realizable-4eq", gas_wall="log-law-k", wall_distance=3.2e-4
+)
 opens = [[0.0, 0.0], [0.005, 1.0]]
 feed = ft.Feed(6.43, solids_fraction=0.245, solids_velocity=6.09, solids_schedule=opens)
 scene = ft.Unsteady(
-    ft.TwoFluid(nitrogen, coal),
+    model,
     pipe,
     feed,
     numerics=ft.TimeNumerics(end_time=0.1, courant=2.0),

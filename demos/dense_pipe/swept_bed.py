@@ -9,7 +9,7 @@ coal = ft.Solids(density=1700, diameter=1.6e-4)
 opens = [[0.0, 0.1], [0.01, 1.0]]
 feed = ft.Feed(4.0, solids_fraction=0.01, solids_velocity=4.0, gas_schedule=opens)
 scene = ft.Unsteady(
-    ft.TwoFluid(nitrogen, coal),
+    ft.TwoFluid(nitrogen, coal, dispersed="none", dispersion="none"),
     pipe,
     feed,
     initial=ft.Initial("bed", bed_fraction=0.5, bed_height=0.005, bed_start=0.02, bed_end=0.15),

@@ -7,7 +7,7 @@ duct = ft.Duct(width=0.2, length=16.0)
 air = ft.Gas(density=1.2, viscosity=1.8e-5, temperature=293.0)
 heat = ft.Heat("temperature", wall_temperature=350.0)
 scene = ft.Developing(
-    ft.ReynoldsStress(air, wall_distance=8e-4, heat=heat),
+    ft.ReynoldsStress(air, heat=heat),
     duct,
     ft.Feed(22.0),
     inlet=ft.Inlet(gas_intensity=0.05, length_scale=0.07),

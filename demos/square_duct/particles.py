@@ -16,7 +16,7 @@ materials = (
     ft.Material("flour", 1410, 2.0e-4, velocity=2.8),
 )
 scene = ft.Developed(
-    ft.ReynoldsStress(ft.Gas(density=1.2, viscosity=1.8e-5), wall_distance=8e-4),
+    ft.ReynoldsStress(ft.Gas(density=1.2, viscosity=1.8e-5)),
     ft.Duct(width=0.2, length=16.0),
     ft.Feed(22.0),
     particles=ft.Cloud(materials, injection="points", points=points, parcels=200),

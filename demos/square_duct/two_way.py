@@ -12,7 +12,7 @@ points = tuple(
 )
 ash = ft.Material("ash", 1800, 1.4e-4, velocity=2.8)
 scene = ft.Developing(
-    ft.ReynoldsStress(ft.Gas(density=1.2, viscosity=1.8e-5), wall_distance=8e-4),
+    ft.ReynoldsStress(ft.Gas(density=1.2, viscosity=1.8e-5)),
     ft.Duct(width=0.2, length=16.0),
     ft.Feed(22.0),
     inlet=ft.Inlet(gas_intensity=0.05, length_scale=0.07),

@@ -14,6 +14,7 @@ from typing import Any
 import fem_tfm.scenes  # noqa: F401  (the scenes register themselves)
 from fem_tfm.case.edit import (
     change,
+    drop_ranges,
     drop_references,
     each_once,
     give_way,
@@ -46,11 +47,13 @@ class Case:
     def load(cls, path: str | Path, overrides: Iterable[str] = ()) -> Case:
         """Read a TOML file; `overrides` are texts "key=value" as given to --set.
 
-        Published values of the file are dropped where an override makes the flow another one.
+        Published values of the file are dropped where an override makes the flow another one, and
+        the range of a number that is overridden.
         """
         values = read(Path(path))
         changes = each_once("--set", map(parse_override, overrides))
         drop_references(values, changes)
+        drop_ranges(values, changes)
         give_way(values, changes)
         for key, value in changes.items():
             change(values, key, value)
@@ -68,6 +71,7 @@ class Case:
         """
         values = self.given
         drop_references(values, changes)
+        drop_ranges(values, changes)
         give_way(values, changes)
         for key, value in changes.items():
             change(values, key, value)

@@ -12,7 +12,7 @@ from typing import Any
 from fem_tfm.errors import InputError, nearest
 from fem_tfm.operation import FEEDS
 from fem_tfm.scenes.kinds import known_keys, known_tables
-from fem_tfm.scenes.reading import CHOOSING, unknown_key
+from fem_tfm.scenes.reading import AUTO, CHOOSING, SOLUTION, unknown_key
 
 # ways to give one thing, each a key with its companions: a changed key replaces the other ways
 INSTEAD: dict[str, dict[str, tuple[str, ...]]] = {
@@ -37,6 +37,25 @@ def drop_references(values: dict[str, Any], changes: Mapping[str, Any]) -> None:
         if table in OF_THE_FLOW and held != value:
             del values["reference"]
             return
+
+
+def drop_ranges(values: dict[str, Any], changes: Mapping[str, Any]) -> None:
+    """Take back the ranges of changed numbers, which are known then, and all in another solution.
+
+    The place of a law holds its numbers: another law drops the ranges of all of them.
+    """
+    ranges = values.get("uncertain")
+    if "uncertain" in changes or not isinstance(ranges, list | tuple):
+        return
+    kept = []
+    for one in ranges:
+        key = one.get("key") if isinstance(one, Mapping) else None
+        changed = any(key == name or str(key).startswith(f"{name}.") for name in changes)
+        if not changed:
+            kept.append(one)
+    values["uncertain"] = kept
+    if not kept or changes.get("solution", SOLUTION) not in (SOLUTION, AUTO):
+        del values["uncertain"]
 
 
 def parse_override(text: str) -> tuple[str, Any]:

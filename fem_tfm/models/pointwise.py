@@ -27,6 +27,7 @@ from fem_tfm.closures.turbulence.dispersed import Dispersed, GasEddies, Grains
 from fem_tfm.closures.turbulence.dispersion import Dispersion
 from fem_tfm.closures.turbulence.gas import Balance, Eddies, Turbulence, realizable_slope
 from fem_tfm.closures.walls.gas import GasWall, GasWallState
+from fem_tfm.closures.walls.mixture import shared_friction
 from fem_tfm.closures.walls.solids import SolidsWall, WallState
 from fem_tfm.materials import Fluid, Solids
 
@@ -37,6 +38,8 @@ SLIP_FLOOR, SHEAR_FLOOR, K_FLOOR, MAX_VISCOSITY = 1e-4, 1e-3, 2.5e-4, 100.0
 # take none: 1e-4 changes the gradient of the dense pipe by 5e-9 of it, but a settled bed of the
 # random cases, with alpha_s = 3e-5 above it, is not found from a cold start any more
 VOID_FRACTION = 1e-4
+# uv over k in equilibrium, sqrt(C_mu), and the least k of a law without it over k_floor
+STRESS_SHARE, LEAST_K = 0.3, 1e-3
 # difference of the slip speed, over itself, for the slope of the drag
 SLIP_STEP = 1e-3
 
@@ -188,7 +191,7 @@ class LocalGas:
     """
 
     density: Any
-    viscosity: float
+    viscosity: Any
 
 
 @dataclass(frozen=True)
@@ -387,10 +390,40 @@ class Pointwise:
         return (self.gas.viscosity + self.closures.turbulence.viscosity(eddies)) / slope
 
     def gas_eddies(self, eddies: Eddies) -> GasEddies:
-        """Gas turbulence as the grains meet it."""
+        """Gas turbulence as the grains meet it.
+
+        A law without k has that of the local equilibrium, k = nu_t S/0.3.
+        """
+        density, floor = eddies.gas.density, self.regularisation.k_floor
+        nu_t, k = self.closures.turbulence.viscosity(eddies) / density, eddies.k
+        if k is None:
+            k = nu_t * eddies.strain / STRESS_SHARE + LEAST_K * floor
+        return GasEddies(k, eddies.eps, nu_t, density, floor)
+
+    def laden(self, eddies: Eddies, alpha: Value, speed: Value, height: Value) -> Eddies:
+        """Eddies that carry the mass of the grains which follow them.
+
+            nu_e = mu_g/rho_e in their Reynolds numbers,  rho_e = rho_g (1 + Z s)
+
+        s is that of the eddies without it. speed, height : as for `grains`
+        """
+        if self.solids is None or not self.closures.dispersed.follows:
+            return eddies
+        gas, grains = self.gas_eddies(eddies), self._carried(alpha, speed, height)
         density = eddies.gas.density
-        nu_t = self.closures.turbulence.viscosity(eddies) / density
-        return GasEddies(eddies.k, eddies.eps, nu_t, density, self.regularisation.k_floor)
+        heavier = 1 + grains.loading(density) * self.closures.dispersed.share(gas, grains)
+        return replace(eddies, gas=LocalGas(density, eddies.gas.viscosity / heavier))
+
+    def _carried(self, alpha: Value, speed: Value, height: Value) -> Grains:
+        """Grains as far as a law needs them whose grains follow the eddies."""
+        specific = self.specific_drag(alpha, speed, height)
+        return Grains(alpha, None, None, specific, speed, None, self.grain)
+
+    def solids_eddy_viscosity(self, gas: GasEddies, grains: Grains, slope: Value) -> Value:
+        """nu_s [m2/s]; of the profile over its stretching dy'/dy where the grains share it."""
+        law = self.closures.dispersed
+        found = law.viscosity(gas, grains)
+        return found / slope if law.follows else found
 
     def grains(
         self,
@@ -466,3 +499,25 @@ class Pointwise:
         """c [Pa s/m] of the traction -c u_t of a wall on pure gas of a speed at a height [m]."""
         state = GasWallState(speed, height, self.gas, k)
         return _filled(self.closures.gas_wall.coefficient(state), speed)
+
+    def wall_friction(
+        self,
+        speed: Value,
+        height: Value,
+        k: Value | None = None,
+        beside: tuple[Value, Value] | None = None,
+    ) -> tuple[Value, Value]:
+        """c [Pa s/m] of a wall on pure gas, and of the eddies on all of the solids.
+
+        beside : solids fraction, and slip speed between the phases [m/s], at that height
+        """
+        alone, law = self.gas_wall_friction(speed, height, k), self.closures.gas_wall
+        if self.solids is None or beside is None or not law.logarithmic:
+            return alone, 0.0
+        grains = self._carried(*beside, height)
+        followers = self.closures.dispersed.at_wall(self.gas.density, grains)
+        if followers is None:
+            return alone, 0.0
+        state = GasWallState(speed, height, self.gas, k)
+        found, shared = shared_friction(alone, state, law, followers)
+        return found, grains.alpha * self.grain.density / self.gas.density * shared

@@ -96,6 +96,8 @@ def page(directory: Path) -> str:
     if result is not None:
         parts += section("Warnings", items(result.warnings))
         parts += section("Quantities", _quantities(result))
+        parts += section("What unprinted inputs move", items(map(str, result.inputs)))
+        parts += section("Published correlations for the same line", items(result.estimates))
         parts += section("Balances", _balances(result))
     for path in _pictures(directory):
         parts += section(path.stem.capitalize(), [image(path.read_bytes(), path.stem)])

@@ -11,7 +11,7 @@ import platform
 import resource
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -133,6 +133,34 @@ class Quantity:
         return entry
 
 
+@dataclass(frozen=True)
+class InputRange:
+    """What an input that the source does not print moves the pressure gradient by.
+
+    key : of the case
+    low, high : between which values it lies
+    down, up : relative changes of the gradient, to first order [-]
+    reason : where the range is from
+    """
+
+    key: str
+    low: float
+    high: float
+    down: float
+    up: float
+    reason: str
+
+    def __str__(self) -> str:
+        """In words: "solids.diameter from 0.00014 to 0.00019: -2.2 to +3.3 % (eq. (22))"."""
+        # adding zero turns -0.0 into 0.0
+        down, up = (f"{round(100 * change, 1) + 0.0:+.1f}" for change in (self.down, self.up))
+        return f"{self.key} from {self.low:g} to {self.high:g}: {down} to {up} % ({self.reason})"
+
+
+# quantities that the inputs move as they move the pressure gradient
+WITH_GRADIENT = ("pressure_gradient", "pressure_drop")
+
+
 @dataclass
 class Result:
     """What a run found, and what it cost.
@@ -151,6 +179,8 @@ class Result:
     balances : relative error of each balance [-]
     skipped : what the scene did not need, and why
     inferred : inputs that the source does not print
+    inputs : what some of them move the pressure gradient by
+    estimates : what published correlations give for the same line, in words
     versions : of the programs used
     warnings : what was probably not meant, and what the answer does not hold for
     reason : why it failed or stopped
@@ -180,6 +210,8 @@ class Result:
     balances: dict[str, float] = field(default_factory=dict)
     skipped: list[str] = field(default_factory=list)
     inferred: list[str] = field(default_factory=list)
+    inputs: list[InputRange] = field(default_factory=list)
+    estimates: list[str] = field(default_factory=list)
     versions: dict[str, str] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     reason: str = ""
@@ -205,6 +237,18 @@ class Result:
     def __contains__(self, name: object) -> bool:
         return name in self.quantities
 
+    def input_range(self, name: str) -> tuple[float, float] | None:
+        """Between which values the inputs that are not printed put a quantity, None if unknown.
+
+        Their changes, to first order, are added as independent: roots of the sums of squares.
+        """
+        if name not in self.quantities or name not in WITH_GRADIENT or not self.inputs:
+            return None
+        down = math.hypot(*(min(one.down, 0.0) for one in self.inputs))
+        up = math.hypot(*(max(one.up, 0.0) for one in self.inputs))
+        value = self[name]
+        return value - abs(value) * down, value + abs(value) * up
+
     def take(self, moment: Snapshot) -> None:
         """Keep the values of the fields of a moment on their points."""
         self.points = moment.points
@@ -226,6 +270,7 @@ class Result:
         hidden = ("quantities", "directory", "sections", "fields", "points", "tracked")
         content = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in hidden}
         content["quantities"] = {name: q.as_dict() for name, q in self.quantities.items()}
+        content["inputs"] = [asdict(one) for one in self.inputs]
         plain: dict[str, Any] = _strict(content)
         return plain
 
@@ -248,6 +293,7 @@ class Result:
             name: Quantity(**{**entry, "value": _number(entry["value"])})
             for name, entry in content["quantities"].items()
         }
+        content["inputs"] = [InputRange(**one) for one in content.get("inputs", ())]
         for table in ("balances", "seconds"):
             content[table] = {name: _number(value) for name, value in content[table].items()}
         for name in ("cpu_seconds", "peak_memory_mb"):

@@ -18,6 +18,10 @@ LISTED = 4
 # head of the column of errors, and what it means
 MESH_ERROR = "± mesh"
 MESH_NOTE = "± mesh: estimated error of the mesh alone; inputs carry none"
+INPUT_NOTE = (
+    "± mesh: estimated error of the mesh alone; unprinted inputs: where the ranges below put the"
+    " quantity, to first order and as if independent"
+)
 SAMPLE_NOTE = "± of particles: twice the standard error of the parcels"
 TIME_NOTE = "±: twice the standard error of means over time and slugs; inputs carry none"
 COLOURS = {"converged": "green", "finished": "green", "failed": "red", "interrupted": "yellow"}
@@ -39,7 +43,13 @@ def print_summary(result: Result, console: Console | None = None) -> None:
         console.print(_balances(result), width=width)
     for warning in result.warnings:
         console.print(Text(f"warning   {warning}", style="yellow"), width=width)
-    for head, lines in (("skipped", result.skipped), ("inferred", result.inferred)):
+    lists = (
+        ("inputs", [str(one) for one in result.inputs]),
+        ("plausible", result.estimates),
+        ("skipped", result.skipped),
+        ("inferred", result.inferred),
+    )
+    for head, lines in lists:
         if lines:
             console.print(_listing(head, lines), width=width)
     console.print(_cost(result), width=width)
@@ -55,7 +65,8 @@ def error_notes(result: Result) -> list[str]:
     if result.flow == "slug":
         return [TIME_NOTE] * bool(known)
     sampled = {name for name in known if name.startswith("particle_exit")}
-    return [MESH_NOTE] * bool(known - sampled) + [SAMPLE_NOTE] * bool(sampled)
+    note = INPUT_NOTE if result.inputs else MESH_NOTE
+    return [note] * bool(known - sampled) + [SAMPLE_NOTE] * bool(sampled)
 
 
 def number(value: float | None, digits: int = 4) -> str:
@@ -100,6 +111,9 @@ def _quantities(result: Result) -> Table:
     for name, quantity in result.quantities.items():
         error = number(quantity.error_estimate, 2)
         table.add_row(Text(name, style="bold"), number(quantity.value), error, quantity.unit)
+        if (span := result.input_range(name)) is not None:
+            words = Padding.indent(Text("unprinted inputs"), 2)
+            table.add_row(words, " to ".join(number(end, 3) for end in span), "", quantity.unit)
         for reference in quantity.references:
             table.add_row(*_comparison(quantity, reference), style="dim")
     return table

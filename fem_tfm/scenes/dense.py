@@ -21,6 +21,7 @@ from fem_tfm.output.files import on_root
 from fem_tfm.output.pictures import SectionView, section_picture, vertical_profile
 from fem_tfm.output.profiles import write_profiles
 from fem_tfm.output.result import Result
+from fem_tfm.scenes.judged import plausible
 from fem_tfm.scenes.judged.memory import check_memory, section_cells
 from fem_tfm.scenes.judged.plausible import check_flux, doubts
 from fem_tfm.scenes.physics import (
@@ -309,6 +310,8 @@ def raised_terms(section: TwoFluidSection) -> str:
     )
 
 
+# eddies of a pipe live this share of D/U, and the sink of Simonin's law for tracers over Z eps
+EDDY_SHARE, SIMONIN_SINK = 0.11, 15.0
 # a plastic law with a friction limit below this was hardly meant; a gas with Re above is turbulent
 PACKED, TURBULENT = 0.5, 4000.0
 
@@ -339,7 +342,29 @@ def advice(scene: Any) -> list[str]:
             "a turbulent gas with walls.gas = 'no-slip' needs cells of a few viscous lengths at the"
             " wall; 'low-reynolds' makes them and 'log-law' does without"
         )
+    if solids and laws.dispersed.name == "simonin":
+        said += laminarised(scene)
     return said + doubts(scene)
+
+
+def laminarised(scene: Any) -> list[str]:
+    """Whether the sink of Simonin's law would kill the turbulence of a gas with small grains.
+
+    For grains that follow the eddies, tau_F << tau_t, its sink is 15 Z eps; tracers take none.
+    tau_t = 0.11 D/U is that of the mean dissipation of a pipe.
+    """
+    gas, solids, law = scene.model.gas, scene.model.solids, scene.model.dispersed
+    loading, width = plausible.loading(scene), scene.geometry.hydraulic_diameter
+    time = (solids.density + law.C_A * gas.density) * solids.diameter**2 / (18 * gas.viscosity)
+    eta = EDDY_SHARE * width / (scene.feed.gas_velocity * time)
+    sink = law.damping * SIMONIN_SINK * loading * eta / (1 + eta)
+    if eta < 1 or sink < 1:
+        return []
+    return [
+        f"closures.dispersed = 'simonin' takes {sink:.2g} times the dissipation from a gas whose"
+        f" grains follow its eddies (tau_t/tau_F = {eta:.2g}), where tracers take nothing: it makes"
+        " the gas laminar; 'tchen' has the limit of small grains"
+    ]
 
 
 def write_section(scene: Any, section: TwoFluidSection, result: Result, out: Path | None) -> None:

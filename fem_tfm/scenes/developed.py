@@ -25,7 +25,8 @@ from fem_tfm.parameters import parameter
 from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas
 from fem_tfm.scenes.judged.finer import finer_mesh, trusted
-from fem_tfm.scenes.judged.plausible import derived
+from fem_tfm.scenes.judged.inputs import Uncertain, check_ranges, input_ranges
+from fem_tfm.scenes.judged.plausible import derived, estimates, out_of_range
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles import words as cloud_words
 from fem_tfm.scenes.particles.tracking import carrier_of, follow
@@ -35,6 +36,7 @@ from fem_tfm.scenes.scene import Answer, Scene
 from fem_tfm.scenes.statement import SteadyNumerics
 from fem_tfm.solvers import nested
 from fem_tfm.solvers.nested import Observer
+from fem_tfm.solvers.newton import LinearSolveError
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,17 @@ class SectionScene[P: SectionPhysics, R: Recorder](Scene[P, R]):
         """What the user probably did not mean, one sentence each."""
         return self.physics.advice()
 
+    def estimates(self, answer: Answer) -> list[str]:
+        """What published correlations give for the same line, in words."""
+        return estimates(self, answer.quantities) if isinstance(self.model, TwoFluid) else []
+
+    def judge(self, answer: Answer) -> list[str]:
+        """What an answer must say of itself; raises SolverError where it is none."""
+        said = super().judge(answer)
+        if isinstance(self.model, TwoFluid):
+            said += out_of_range(self, answer.quantities)
+        return said
+
     def examine(self) -> None:
         """Refuse what cannot be solved, without solving it; raises InputError."""
         self.physics.examine()
@@ -74,13 +87,21 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
     """The developed section: hold-up or flux is given, the pressure gradient is found.
 
     numerics : how strictly it is solved
+    uncertain : numbers that the source does not print; the answer tells what they move it by
 
     Raises InputError for values that do not fit each other.
     """
 
     numerics: SteadyNumerics = parameter(doc="mesh and solver", factory=SteadyNumerics)
+    uncertain: tuple[Uncertain, ...] = parameter(
+        (), doc="numbers that the source does not print, with their ranges", key="uncertain"
+    )
     solution: ClassVar[str] = "developed"
     differentiable: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_ranges(self, self.uncertain)
 
     def recorder(self, setting: Setting | None = None) -> SectionRecorder:
         """What a run tells and keeps while it works."""
@@ -122,7 +143,7 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
         state = Kept(self, solution)
         if recorder.tracked is not None:
             told["balances"] = {**told["balances"], **recorder.tracked.balances()}
-        return Answer(
+        answer = Answer(
             "converged",
             headline=physics.headline,
             state=state,
@@ -130,6 +151,10 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
             start=start,
             **told,
         )
+        # a singular Jacobian has an answer, but no adjoint
+        with suppress(LinearSolveError):
+            answer.inputs = input_ranges(self, answer, self.uncertain)
+        return answer
 
     def skipped(self) -> list[str]:
         """What the scene did not need, and why."""

@@ -19,8 +19,8 @@ from fem_tfm.parameters import Parameters, in_words, key_of, kind_of
 
 # tables and keys outside of tables in the order of a case file; others come behind them
 ORDER = (
-    "title", "flow", "solution", "inferred", "geometry", "gas", "solids", "operation", "inlet",
-    "initial", "closures", "walls", "heat", "particles", "numerics", "output", "reference",
+    "title", "flow", "solution", "inferred", "uncertain", "geometry", "gas", "solids", "operation",
+    "inlet", "initial", "closures", "walls", "heat", "particles", "numerics", "output", "reference",
 )  # fmt: skip
 # meanings of tables that several objects share
 SHARED = {

@@ -29,6 +29,7 @@ from fem_tfm.scenes.reading import tables_of
 FREE_TO_CHANGE = (
     "title",
     "inferred",
+    "uncertain",
     "reference",
     "output",
     "numerics.max_steps",

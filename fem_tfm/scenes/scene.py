@@ -26,7 +26,7 @@ from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.section import Section
 from fem_tfm.geometry.shapes import Shape
 from fem_tfm.operation import Feed
-from fem_tfm.output.result import Quantity, Result, unit_of, versions
+from fem_tfm.output.result import InputRange, Quantity, Result, unit_of, versions
 from fem_tfm.output.result import Reference as Published
 from fem_tfm.output.split_picture import draw_split
 from fem_tfm.parameters import Parameters, key_of, parameter
@@ -226,6 +226,10 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
         """What an answer must say of itself; raises SolverError where it is none."""
         return judge(self, answer)
 
+    def estimates(self, answer: Answer) -> list[str]:
+        """What published correlations give for the same line, in words."""
+        return []
+
     def warnings(self) -> list[str]:
         """`advice`, and what is to be said of the particles."""
         return self.advice() + (cloud_words.advice(self) if self.particles is not None else [])
@@ -338,6 +342,7 @@ class Answer:
     errors : estimated errors of quantities, where they are known
     references : published values that belong to the flow
     notes : what this answer does without, beside what the scene skips
+    inputs : what the inputs that the source does not print move the pressure gradient by
     state : what the scene may start a neighbour from
     """
 
@@ -348,6 +353,7 @@ class Answer:
     errors: Mapping[str, float | None] = field(default_factory=dict)
     references: Mapping[str, Sequence[Published]] = field(default_factory=dict)
     notes: Sequence[str] = ()
+    inputs: Sequence[InputRange] = ()
     state: Any = None
     factorisations: int = 0
     start: str = "cold"
@@ -405,6 +411,8 @@ def _finish(scene: Scene[Any, Any], answer: Answer, recorder: Recorder) -> Resul
     result.quantities = with_references(scene, told, errors, answer.references)
     result.balances = dict(answer.balances)
     result.skipped += answer.notes
+    result.inputs = list(answer.inputs)
+    result.estimates = scene.estimates(answer)
     recorder.write_all(result)
     draw_split(result, recorder.out, scene.output.pictures, recorder.comm)
     recorder.save_final()

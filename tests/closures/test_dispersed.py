@@ -51,6 +51,21 @@ def test_simonin_in_dilute_flow(grains):
     assert law.gain(GAS, grains) == pytest.approx(sink)
 
 
+def test_grains_that_follow(grains):
+    """nu_s = nu_g s; tracers move as the gas does and stones not at all."""
+    law = make("dispersed", "tchen")
+    tau_t, tau_f = times()
+    share = tau_t / (tau_t + tau_f)
+    assert law.share(GAS, grains) == pytest.approx(share)
+    assert law.viscosity(GAS, grains) == pytest.approx(GAS.nu * share)
+    assert law.gain(GAS, grains) == 0.0
+    assert law.viscosity(GAS, replace(grains, specific=1e15)) == pytest.approx(GAS.nu)
+    assert law.viscosity(GAS, replace(grains, specific=1e-9)) == pytest.approx(0.0, abs=1e-12)
+    wall = law.at_wall(33.5, grains)
+    assert wall.loading == pytest.approx(0.2 * 1700 / (0.8 * 33.5))
+    assert wall.relaxation == pytest.approx(tau_f)
+
+
 def test_collisions_cut_the_path_of_grains(grains):
     law, tau_f = make("dispersed", "simonin"), times()[1]
     collisions = 24 * 0.2 * 2.0 * math.sqrt(0.04 / math.pi) / 1.6e-4

@@ -34,7 +34,13 @@ COAL = {
         "solids_velocity": 6.0,
     },
     "solution": "unsteady",
-    "closures": {"drag": "three-zone", "friction": "berzi", "turbulence": "mixing-length"},
+    "closures": {
+        "drag": "three-zone",
+        "friction": "berzi",
+        "turbulence": "mixing-length",
+        "dispersed": "none",
+        "dispersion": "none",
+    },
     "walls": {"gas": "log-law", "solids": "schneiderbauer"},
     "inlet": {"profile": "power-law"},
     "numerics": {"end_time": 1.0},
@@ -75,7 +81,7 @@ FLOWS: dict[str, dict[str, Any]] = {
         "numerics.order": 0,
         "gas": {"species": "N2", "pressure": 2.92e6, "viscosity": 1.8e-5, "compressible": True},
         "closures.turbulence": "k-epsilon",
-        "closures.dispersed": "simonin",
+        "closures.dispersed": "tchen",
     },
 }
 TURBULENT = [kind for kind, changes in FLOWS.items() if "closures.turbulence" in changes]

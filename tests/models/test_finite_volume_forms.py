@@ -503,6 +503,8 @@ def test_coefficients_of_the_solids_are_those_of_the_laws_in_ufl(recorded: Recor
     assert_close(on.cell_values(laws.kinetic.bulk_viscosity), solids.bulk_viscosity)
     friction = wall_of(recorded, at.alpha, at.theta, laws, at.u_s, nu_s)[0]
     wall = recorded.line.wall
+    height = on.face(on.on_part("wall", recorded.line.wall_height)).edge
+    friction += gas_wall(on, recorded.local_point, at, height)[1]
     found = on.values(Face(0, friction), "wall") * cells.face_area
     assert_close(found[wall], solids.wall_friction)
 
@@ -523,8 +525,7 @@ def test_friction_of_the_gas_is_that_of_the_laws_in_ufl(recorded: RecordedStep) 
     given, (_, gas) = recorded.part("momentum: phases")
     at = on.fields(given.step.state)
     height = on.face(on.on_part("wall", line.wall_height)).edge
-    k = at.scales.get("k")
-    friction = gas_wall(on, recorded.local_point, 1 - at.alpha, at.u_g, height, k)
+    friction = (1 - at.alpha) * gas_wall(on, recorded.local_point, at, height)[0]
     found = on.values(Face(0, friction), "wall") * recorded.cells.face_area
     assert_close(found[line.wall], gas.wall_friction)
 
@@ -589,7 +590,7 @@ def test_turbulence_of_a_state_is_that_of_the_laws_in_ufl(shape: str, kind: str)
     size = on.cell(cells.volume ** (1 / 3))
     grains = dispersed_solids(point, at, crowding, size, height, of_solids)
     law = point.closures.dispersed
-    nu_s = law.viscosity(gas, grains)
+    nu_s = point.solids_eddy_viscosity(gas, grains, slope)
     wanted = {"mu_t": found.mu_t, "nu_s": found.nu_s}
     values = {"mu_t": gas.nu * point.gas.density, "nu_s": nu_s}
     if found.dispersion is not None:
@@ -627,8 +628,10 @@ def wall_eddies_of(recorded: RecordedStep, at: SimpleNamespace, predicted: State
     gradient = mirrored_gradient(recorded, recorded.cells.gradient(predicted.u_g))
     scales = at.scales["k"], at.scales["eps"]
     eddies = point.eddies(Invariants(gradient), *recorded.profile, *scales)
+    slip = point.speed(at.u_g - at.u_s)
+    eddies = point.laden(eddies, present(at.alpha), slip, recorded.profile[0])
     height = on.face(on.on_part("wall", line.wall_height)).edge
-    friction = gas_wall(on, point, 1.0, at.u_g, height, at.scales["k"])
+    friction, _ = gas_wall(on, point, at, height)
     w = ufl.TestFunction(on.scalars)
     squares = on.assembled(wall_tractions(on, friction, at.u_g, point, w))
     traction = on.cell(np.sqrt(squares))

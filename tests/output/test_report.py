@@ -18,7 +18,7 @@ from fem_tfm.cli import main
 from fem_tfm.errors import InputError
 from fem_tfm.output.profiles import Monitor
 from fem_tfm.output.report import read_monitor, write_report
-from fem_tfm.output.result import Quantity, Reference, Result
+from fem_tfm.output.result import InputRange, Quantity, Reference, Result
 
 CASE = 'title = "line <1> & more"\n[geometry]\ndiameter = 0.01\n'
 VOID = {"meta", "img", "br"}
@@ -89,6 +89,8 @@ def ended(directory: Path, status: str, **changes: object) -> Path:
         balances={"gas_mass": 1e-12},
         skipped=["heat: not asked for"],
         inferred=["gas.density: p/(R T)"],
+        inputs=[InputRange("solids.diameter", 1e-4, 2e-4, -0.03, 0.005, "a sieve")],
+        estimates=["a correlation gives 3 Pa/m"],
         **changes,
     )
     result.write(working(directory))
@@ -106,6 +108,7 @@ def test_a_converged_run(tmp_path: Path) -> None:
         "line <1> & more", "converged : dense flow, developed solution; 1,632 cells",
         "pressure drop 4020 12 Pa", "exp & co 4260 Pa -5.6 %", "mesh D 4090 Pa -1.7 %",
         "gas mass 1.0e-12", "heat: not asked for", "gas.density: p/(R T)", "solve 1.5 s",
+        "to +0.5 % (a sieve)", "gives 3 Pa/m",
         "diameter = 0.01", "step <1> step 2",
     ):  # fmt: skip
         assert words in page.text, words

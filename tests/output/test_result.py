@@ -23,7 +23,8 @@ from fem_tfm.output.result import (
 
 KEYS = {
     "status", "flow", "solution", "cells", "dofs", "ranks", "seconds", "cpu_seconds",
-    "peak_memory_mb", "quantities", "balances", "skipped", "inferred", "versions",
+    "peak_memory_mb", "quantities", "balances", "skipped", "inferred", "inputs",
+    "estimates", "versions",
 }  # fmt: skip
 
 

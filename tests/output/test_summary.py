@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from fem_tfm.output.result import Quantity, Reference, Result
+from fem_tfm.output.result import InputRange, Quantity, Reference, Result
 from fem_tfm.output.summary import difference, number, print_summary
 
 NAMES = (
@@ -68,6 +68,21 @@ def test_an_error_is_said_to_be_that_of_the_mesh() -> None:
     assert "± mesh" in printed() and "inputs carry none" in printed()
     unknown = {"pressure_drop": Quantity(4012.0, "Pa")}
     assert "inputs carry none" not in printed(quantities=unknown)
+
+
+def test_what_inputs_move_is_told_apart_from_the_mesh() -> None:
+    """Changes of 3 and 4 % down and 0.5 % up make 4012 Pa lie between 3811 and 4032 Pa."""
+    inputs = [
+        InputRange("solids.diameter", 1e-4, 2e-4, -0.03, 0.005, "a sieve"),
+        InputRange("gas.density", 30.0, 33.0, -0.04, 0.0, "a thermometer"),
+    ]
+    text = printed(inputs=inputs, estimates=["a correlation gives 3 Pa/m"])
+    lines = [line.split() for line in text.splitlines()]
+    assert ["unprinted", "inputs", "3810", "to", "4030", "Pa"] in lines
+    assert "mesh alone" in text and "inputs carry none" not in text
+    assert "solids.diameter from 0.0001 to 0.0002: -3.0 to +0.5 % (a sieve)" in text
+    assert "plausible a correlation gives 3 Pa/m" in text
+    assert max(map(len, text.splitlines()[:-1])) <= 80
 
 
 @pytest.mark.parametrize(

@@ -50,7 +50,8 @@ def test_describe_tells_what_is_solved_and_skipped(demo: Case) -> None:
 
 def test_transported_turbulence_is_told_to_cost_more(demo: Case) -> None:
     """Four more unknowns take longer to solve for and to compile."""
-    four = demo.with_values({"closures.turbulence": "realizable-4eq"})
+    laws = {"closures.turbulence": "realizable", "closures.dispersed": "k-epsilon"}
+    four = demo.with_values(laws)
     seconds = [
         [int(n) for n in re.findall(r"(\d+) s", c.scene.describe()["time"])] for c in (demo, four)
     ]

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from fem_tfm.case import Case
 from fem_tfm.errors import InputError
+from fem_tfm.output.result import Result
 from fem_tfm.scenes.scene import Answer
 from fem_tfm.study.sensitivity import Sensitivity, sensitivities
 
@@ -83,6 +85,69 @@ def test_a_scene_without_sensitivities_says_which_has_them(root: Path, demo: str
     none = Answer("finished", {}, {}, "pressure_drop")
     with pytest.raises(InputError, match="expected 'developed', the solution that tells"):
         sensitivities(case, none, ["solids.diameter"])
+
+
+# -- ranges of inputs that are not printed -------------------------------------------------------
+
+
+FRICTION = "walls.solids.friction_coefficient"
+RANGES = [
+    {"key": FRICTION, "low": 0.48, "high": 0.51, "reason": "a slope"},
+    {"key": "gas.density", "low": 33.0, "high": 33.5, "reason": "a thermometer"},
+]
+
+
+def test_ranges_of_inputs_stand_beside_the_answer(upward: Case, tmp_path: Path) -> None:
+    """What they move it by is what neighbouring answers say, in result.json as well."""
+    case = Case.from_dict({**upward.given, "uncertain": RANGES, "output": {"pictures": False}})
+    result = case.scene.run(tmp_path / "out")
+    wall, density = Result.read(tmp_path / "out").inputs
+    assert (wall.key, wall.low, wall.high) == (FRICTION, 0.48, 0.51)
+    answer = solved(upward)
+    gradient = answer.quantities["pressure_gradient"]
+    ends = []
+    for end in (0.48, 0.51):
+        answer = solved(upward.with_values({FRICTION: end}), answer)
+        ends.append(answer.quantities["pressure_gradient"] / gradient - 1)
+    assert [wall.down, wall.up] == pytest.approx(ends, rel=0.05)
+    # the density lies at the upper end of its range
+    assert density.down < 0 == density.up
+    span = result.input_range("pressure_drop")
+    assert span is not None and span[0] < result["pressure_drop"] < span[1]
+    drop = math.hypot(wall.down, density.down)
+    assert span[0] == pytest.approx(result["pressure_drop"] * (1 - drop))
+    assert result.input_range("holdup") is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"key": "solids.diametre"}, "uncertain\\[0\\].key = 'solids.diametre'"),
+        ({"key": "closures.friction"}, "has a number"),
+        ({"key": "geometry.diameter", "low": 0.009, "high": 0.011}, "leaves the mesh"),
+        ({"low": 0.52}, "uncertain\\[0\\]"),
+        ({"low": 0.505}, "around walls.solids.friction_coefficient = 0.5"),
+        ({"reason": ""}, "where the range is from"),
+    ],
+)
+def test_a_range_of_what_is_no_number_is_refused(
+    upward: Case, changes: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(InputError, match=words):
+        Case.from_dict({**upward.given, "uncertain": [{**RANGES[0], **changes}]})
+
+
+def test_a_number_that_is_set_has_no_range_any_more(upward: Case) -> None:
+    case = Case.from_dict({**upward.given, "uncertain": RANGES})
+    (left,) = case.with_values({FRICTION: 0.3}).scene.uncertain
+    assert left.key == "gas.density"
+    assert len(case.with_values({"walls.solids": "coulomb"}).scene.uncertain) == 1
+    both = {FRICTION: 0.3, "gas.density": 30.0}
+    assert case.with_values(both).scene.uncertain == ()
+    # another solution has no adjoint, and so no ranges
+    unsteady = {"solution": "unsteady", "numerics.end_time": 0.1, "numerics.tolerance": None}
+    given = {"operation.solids_fraction": 0.2, "operation.solids_velocity": 6.0}
+    assert not hasattr(case.with_values({**unsteady, **given}).scene, "uncertain")
 
 
 def test_a_change_is_relative_to_the_gradient() -> None:

@@ -129,9 +129,9 @@ class Strong:
         across = (gradient(u, x)[:2, :2] ** 2).sum((0, 1))
         return self.numerics.damping * self.cell_area * self.bounded(across)
 
-    def bounded(self, square: np.ndarray) -> np.ndarray:
+    def bounded(self, square: np.ndarray, fade: np.ndarray | float = 1.0) -> np.ndarray:
         """Root of the square of a rate."""
-        return np.sqrt(square + self.numerics.smallest_rate**2)
+        return np.sqrt(square + (fade * self.numerics.smallest_rate) ** 2)
 
     def gas_viscosity(self, s: Exact, x: np.ndarray) -> np.ndarray:
         """Molecular and turbulent viscosity, and that of the mesh."""
@@ -154,8 +154,9 @@ class Strong:
     def numerical(self, s: Exact, x: np.ndarray) -> np.ndarray:
         """Diffusion of logit(alpha_s), with the share of the mesh."""
         rate = divergence(lambda p: self.alpha(s, p) * s.u_s(p), x)
-        capture = self.numerics.capture * self.cell_area * self.bounded(rate**2)
-        return -(self.numerics.alpha_diffusion + capture) * gradient(s.q, x)
+        fade = self.alpha(s, x) / (self.alpha(s, x) + 0.01)
+        capture = self.numerics.capture * self.cell_area * self.bounded(rate**2, fade)
+        return -(fade * self.numerics.alpha_diffusion + capture) * gradient(s.q, x)
 
     def solids_volume(self, s: Exact, x: np.ndarray) -> np.ndarray:
         """Volume flux of the solids."""

@@ -32,7 +32,7 @@ COARSE = {
     "numerics.mesh_size": 2.5e-3,
 }
 EXACT = 1e-10
-FOUR = {"closures__turbulence": "realizable-4eq"}
+FOUR = {"closures__turbulence": "realizable", "closures__dispersed": "k-epsilon"}
 
 
 def gas(reynolds: float, length: float, **tables: Any) -> Case:
@@ -343,12 +343,15 @@ def test_ranks_agree_on_a_line(chosen: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("law", ["k-epsilon", "realizable-4eq"])
-def test_a_line_with_transported_turbulence_ends_on_the_developed_section(law: str) -> None:
+@pytest.mark.parametrize("laws", [{"closures__turbulence": "k-epsilon"}, FOUR])
+def test_a_line_with_transported_turbulence_ends_on_the_developed_section(
+    laws: dict[str, str],
+) -> None:
     """Gradient and hold-up of the section with the same fluxes."""
-    long = line(closures__turbulence=law, geometry__length=10.0, numerics__axial_step=0.4)
+    long = line(**laws, geometry__length=10.0, numerics__axial_step=0.4)
     found = march(long)
-    case = problems.demo(COARSE | {"solution": "developed", "closures.turbulence": law})
+    dotted = {key.replace("__", "."): law for key, law in laws.items()}
+    case = problems.demo(COARSE | {"solution": "developed"} | dotted)
     wanted = quantities(problems.solved(case, 1 / 4), 1.0)
     for name in ("pressure_gradient", "holdup"):
         assert found.quantities()[name] == pytest.approx(wanted[name], rel=1e-3), name

@@ -38,7 +38,8 @@ from fem_tfm.solvers import nested
 
 LAWS = ("k-epsilon", "realizable")
 FOUR = {
-    "closures.turbulence": "realizable-4eq",
+    "closures.turbulence": "realizable",
+    "closures.dispersed": "k-epsilon",
     "closures.dispersion": "burns",
     "walls.gas": "log-law-k",
 }
@@ -47,6 +48,8 @@ SIMONIN = {
     "closures.dispersed": "simonin",
     "closures.dispersion": "simonin",
 }
+FOLLOWING = {"closures.dispersed": "tchen", "closures.dispersion": "burns"}
+FOLLOWING_K = {**FOLLOWING, "closures.turbulence": "realizable", "walls.gas": "log-law-k"}
 
 
 # -- gas alone ---------------------------------------------------------------------------------
@@ -337,7 +340,15 @@ def disturbed(changes: dict[str, Any]) -> Section:
     return found
 
 
-@pytest.mark.parametrize("chosen", [FOUR, SIMONIN], ids=["four-equation", "simonin"])
+@pytest.mark.parametrize(
+    "chosen",
+    [
+        pytest.param(FOUR, id="four-equation"),
+        pytest.param(SIMONIN, id="simonin"),
+        pytest.param(FOLLOWING, id="following"),
+        pytest.param(FOLLOWING_K, id="following, by k", marks=pytest.mark.slow),
+    ],
+)
 def test_every_block_of_the_jacobian(chosen: dict[str, Any]) -> None:
     """Columns of every field right to 1e-6 in every row, and scales felt by both momenta."""
     found = disturbed(chosen)

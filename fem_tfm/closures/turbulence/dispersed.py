@@ -26,6 +26,7 @@ from fem_tfm.closures.base import Closure, parameter, register
 from fem_tfm.closures.ops import Value, sqrt
 from fem_tfm.closures.turbulence.gas import Balance, Eddies
 from fem_tfm.closures.turbulence.k_epsilon import realizable_c_mu, realizable_growth, scales
+from fem_tfm.closures.walls.mixture import Followers
 from fem_tfm.materials import Solids
 
 
@@ -52,6 +53,10 @@ class Grains:
     viscosity: Any = None
     eddies: Eddies | None = None
 
+    def loading(self, density: Any) -> Value:
+        """Z = a rho_s/(a_g rho_g) beside gas of a density [-]."""
+        return self.alpha * self.solids.density / ((1 - self.alpha) * density)
+
     @property
     def own(self) -> Eddies:
         """The eddies of the solids, for a law that transports them."""
@@ -63,7 +68,8 @@ class Grains:
 class GasEddies:
     """Gas turbulence as the grains meet it.
 
-    k, eps, nu : energy [m2/s2], dissipation [m2/s3], eddy viscosity [m2/s]
+    k, eps, nu : energy [m2/s2], dissipation [m2/s3], eddy viscosity [m2/s]; a gas law that does
+        not transport k has that of the local equilibrium, and no eps
     density : rho_g [kg/m3]
     floor : energy that grains leave to the gas [m2/s2]
     """
@@ -80,11 +86,15 @@ class Dispersed(Closure):
 
     transported : names of the logarithms that it makes unknowns
     needs_k : it asks for a gas turbulence that transports k
+    still : the solids have no eddy viscosity
+    follows : grains share the eddies of the gas, its profile at the wall and its wall law
     normal_stress : share of 2/3 a rho k in the stress of each phase [-]
     """
 
     transported: ClassVar[tuple[str, ...]] = ()
     needs_k: ClassVar[bool] = True
+    still: ClassVar[bool] = False
+    follows: ClassVar[bool] = False
     normal_stress: float = 0.0
 
     @abstractmethod
@@ -102,6 +112,14 @@ class Dispersed(Closure):
     def estimate(self, speed: Value, intensity: Value, length: Value) -> dict[str, Value]:
         """Logarithms at an intensity of the mean speed [m/s] and a length of the eddies [m]."""
         return {}
+
+    def share(self, gas: GasEddies, grains: Grains) -> Value:
+        """Share s of their mass that grains give to the eddies of the gas, if they follow [-]."""
+        return 0.0
+
+    def at_wall(self, density: Value, grains: Grains) -> Followers | None:
+        """Grains that follow the eddies of a gas of a density [kg/m3] at a wall, or None."""
+        return None
 
 
 def relaxation_time(gas: GasEddies, grains: Grains, added_mass: Value) -> Value:
@@ -138,6 +156,7 @@ class NoDispersed(Dispersed):
     """
 
     needs_k: ClassVar[bool] = False
+    still: ClassVar[bool] = True
 
     def viscosity(self, gas: GasEddies, grains: Grains) -> Value:
         """Zero."""

@@ -48,11 +48,13 @@ class GasWall(Closure):
 
     needs_k : it asks for a turbulence that transports k
     resolved : the mesh reaches into the viscous sublayer
+    logarithmic : the gas between the mesh and the wall is a logarithmic layer
     """
 
     strong: ClassVar[bool] = False
     needs_k: ClassVar[bool] = False
     resolved: ClassVar[bool] = False
+    logarithmic: ClassVar[bool] = False
 
     def coefficient(self, state: GasWallState) -> Value:
         """Coefficient c [Pa s/m] of the traction -c u_t."""
@@ -61,6 +63,10 @@ class GasWall(Closure):
     @abstractmethod
     def friction(self, speed: Value, distance: Value, gas: Fluid) -> Value:
         """Coefficient c [Pa s/m] at a speed [m/s] found `distance` [m] off the wall."""
+
+    def friction_velocity(self, state: GasWallState, friction: Value) -> Value:
+        """sqrt(c u/rho_g) of the coefficient c; that of k where the law asks for k [m/s]."""
+        return sqrt(friction * state.speed / state.gas.density)
 
     def stretched(self, distance: Value, offset: Value) -> tuple[Value, Value]:
         """Height y' [m] of the profile that a point `distance` y off the wall carries, and dy'/dy.
@@ -117,6 +123,8 @@ class LogLaw(OffsetWall):
     Churchill and Usagi (1972), AIChE J. 18, 1121-1128.
     """
 
+    logarithmic: ClassVar[bool] = True
+
     kappa: float = parameter(0.41, "-", "von Karman constant", gt=0)
     E: float = parameter(9.8, "-", "constant of a smooth wall", gt=1)
     n: float = parameter(5.0, "-", "sharpness of the blend", ge=1)
@@ -150,10 +158,14 @@ class EnergyLogLaw(LogLaw):
 
     C_mu: float = parameter(0.09, "-", "C_mu of the friction velocity", gt=0)
 
+    def friction_velocity(self, state: GasWallState, friction: Value) -> Value:
+        """C_mu^(1/4) sqrt(k) [m/s]."""
+        return self.C_mu**0.25 * sqrt(state.k)
+
     def coefficient(self, state: GasWallState) -> Value:
         """Coefficient c [Pa s/m] of the traction -c u_t."""
         nu = state.gas.viscosity / state.gas.density
-        y_star = self.C_mu**0.25 * sqrt(state.k) * state.distance / nu
+        y_star = self.friction_velocity(state, 0.0) * state.distance / nu
         ratio = self.kappa * y_star / ln(1 + self.E * y_star)
         return state.gas.viscosity / state.distance * (1 + ratio**self.n) ** (1 / self.n)
 

@@ -214,7 +214,9 @@ class Momentum:
         if laws.closures.theta != "algebraic":
             conductance = coefficients.kinetic.conductivity[edge] * near
         friction, _ = at_wall(laws, centre, viscosity[edge] * near, conductance)
-        return friction * line.cells.face_area[wall]
+        if step.gas is not None:
+            laws = laws.with_density(step.gas.relative_density)
+        return (friction + self._eddies_at_wall(step, laws)[1]) * line.cells.face_area[wall]
 
     def _gas(self, step: Step, face_fraction: Array) -> Phase:
         """Coefficients of the gas."""
@@ -277,10 +279,20 @@ class Momentum:
         edge, wall = cells.first[line.wall], line.wall
         if laws.closures.gas_wall.strong:
             return viscosity[edge] * cells.face_weight[wall]
-        speed = laws.speed(tangential(state.u_g[edge], line.normal[wall]))
-        k = state.scales["k"][edge] if "k" in state.scales else None
-        friction = laws.at(edge).gas_wall_friction(speed, line.wall_height, k)
+        friction, _ = self._eddies_at_wall(step, laws)
         return (1 - state.alpha[edge]) * friction * cells.face_area[wall]
+
+    def _eddies_at_wall(self, step: Step, laws: Pointwise) -> tuple[Array, Array | float]:
+        """c [Pa s/m] of the wall on pure gas, and of its eddies on the solids."""
+        line, state = self.line, step.state
+        edge = line.cells.first[line.wall]
+        speed = laws.speed(tangential(state.u_g[edge], line.normal[line.wall]))
+        k = state.scales["k"][edge] if "k" in state.scales else None
+        beside = None
+        if laws.solids is not None:
+            alpha = np.maximum(state.alpha[edge], SMALLEST_FRACTION)
+            beside = alpha, laws.speed(state.u_g[edge] - state.u_s[edge])
+        return laws.at(edge).wall_friction(speed, line.wall_height, k, beside)
 
     def _implicit_correction(self, viscosity: Array, mass: Array, levels: TimeLevels) -> Array:
         """Stiffness on faces of an explicit stress, by which the matrix stabilises it [kg/s].

@@ -237,6 +237,7 @@ class TurbulenceCoefficients:
     diffusivity, rate, stiffness : of each transported scale X: diffusivity [m2/s], source over X
         [1/s], and the decrease of that rate with ln X [1/s]
     relative_density : density of the gas over the reference [-], None where it is constant
+    laden_viscosity : mu_g of eddies that carry grains [Pa s], None where they carry none
     """
 
     gradient: Array
@@ -249,6 +250,7 @@ class TurbulenceCoefficients:
     rate: Mapping[str, Array]
     stiffness: Mapping[str, Array]
     relative_density: Array | None = None
+    laden_viscosity: Array | None = None
 
 
 @dataclass(frozen=True)

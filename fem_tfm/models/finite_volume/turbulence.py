@@ -35,7 +35,7 @@ from fem_tfm.models.finite_volume.state import (
     TurbulenceCoefficients,
 )
 from fem_tfm.models.finite_volume.time_levels import Step, TimeLevels
-from fem_tfm.models.pointwise import Invariants, Pointwise, dot, tangential
+from fem_tfm.models.pointwise import Invariants, LocalGas, Pointwise, dot, tangential
 
 # smallest intensity of turbulence, with eddies as wide as the line
 LEAST_INTENSITY = 1e-5
@@ -84,7 +84,7 @@ class Turbulence:
         found = laws.closures
         return bool(
             found.turbulence.transported
-            or (laws.solids and (found.dispersed.needs_k or found.dispersion.name != "none"))
+            or (laws.solids and (not found.dispersed.still or found.dispersion.name != "none"))
         )
 
     def initial(self) -> dict[str, Array]:
@@ -125,13 +125,15 @@ class Turbulence:
         scales = [at.scales[name] for name in self._of_gas]
         gas_rate = Invariants(self._mirrored(later))
         eddies = laws.eddies(gas_rate, *line.gas_profile, *scales)
+        if laws.solids:
+            eddies = laws.laden(eddies, *self._beside(at, laws), line.gas_profile[0])
         eddies = self._at_wall(eddies, at, laws)
         grains = self._grains(at, laws) if laws.solids else None
         gas = laws.gas_eddies(eddies)
         balances = self._balances(eddies, gas, grains)
         nu_s, spread, drag, normal = 0.0, None, None, None
         if grains is not None:
-            nu_s = self.dispersed.viscosity(gas, grains)
+            nu_s = laws.solids_eddy_viscosity(gas, grains, line.gas_profile[1])
             if laws.closures.dispersion.name != "none":
                 spread = laws.dispersion(gas, grains, nu_s)
                 drag = grains.specific * grains.alpha
@@ -153,7 +155,13 @@ class Turbulence:
             {name: balance.rate * stretch[name] for name, balance in balances.items()},
             {name: stiff * stretch[name] for name, stiff in stiffness.items()},
             relative,
+            eddies.gas.viscosity if self.dispersed.follows and laws.solids else None,
         )
+
+    @staticmethod
+    def _beside(at: State, laws: Pointwise) -> tuple[Array, Array]:
+        """Solids fraction [-], and slip speed between the phases [m/s]."""
+        return np.maximum(at.alpha, SMALLEST_FRACTION), laws.speed(at.u_g - at.u_s)
 
     def _balances(
         self, eddies: Eddies, gas: GasEddies, grains: Grains | None, which: str = "both"
@@ -235,11 +243,16 @@ class Turbulence:
         if not line.has_wall or not self._of_gas:
             return eddies
         first = cells.first[line.wall]
-        within = _at(eddies, edges, laws.at(edges).gas)
+        within = _at(eddies, edges)
         slip = laws.speed(tangential(now.u_g[first], line.normal[line.wall]))
         friction = laws.gas.viscosity / self._height
         if not laws.closures.gas_wall.strong:
-            friction = laws.at(first).gas_wall_friction(slip, self._height, eddies.k[first])
+            beside = None
+            if laws.solids:
+                alpha, slipping = self._beside(now, laws)
+                beside = alpha[first], slipping[first]
+            k = eddies.k[first]
+            friction, _ = laws.at(first).wall_friction(slip, self._height, k, beside)
         squares = np.zeros(cells.owned)
         np.add.at(squares, first, (friction * slip) ** 2)
         traction = np.sqrt(squares[edges])
@@ -354,9 +367,11 @@ class Turbulence:
         laws, edges = self.laws, self._edges
         if coefficients.relative_density is not None:
             laws = laws.with_density(coefficients.relative_density).at(edges)
-        k = found[self._of_gas[0]][edges]
+        k, gas = found[self._of_gas[0]][edges], laws.gas
+        if coefficients.laden_viscosity is not None:
+            gas = LocalGas(gas.density, coefficients.laden_viscosity[edges])
         distance = self.line.gas_profile[0][edges]
-        eddies = Eddies(None, distance, laws.gas, laws.diameter / 2, k=k)
+        eddies = Eddies(None, distance, gas, laws.diameter / 2, k=k)
         values = self.gas_law.wall_values(eddies)
         if f"ln_{name}" not in values:
             return None
@@ -382,7 +397,12 @@ def _strained(eddies: Eddies, strain: Array) -> Eddies:
     return replace(eddies, strain=strain, spin=eddies.spin * strain / eddies.strain)
 
 
-def _at(eddies: Eddies, which: Any, gas: Any) -> Eddies:
+def _at(eddies: Eddies, which: Any) -> Eddies:
     """Eddies in some of the cells, with the gas there."""
-    names = ("strain", "distance", "spin", "A_s", "k", "eps")
+    names, gas = ("strain", "distance", "spin", "A_s", "k", "eps"), eddies.gas
+    if isinstance(gas, LocalGas):
+        density, viscosity = (
+            value[which] if np.ndim(value) else value for value in (gas.density, gas.viscosity)
+        )
+        gas = LocalGas(density, viscosity)
     return replace(eddies, gas=gas, **{name: getattr(eddies, name)[which] for name in names})

@@ -48,8 +48,9 @@ from fem_tfm.models.pointwise import (
 class Stabilisation(Regularisation):
     """Regularisation of the laws at a point, and what the finite elements need beside it.
 
-    alpha_diffusion : diffusion of logit(alpha_s) [m2/s]; a mass-conserving diffusion
-        D = alpha_diffusion/(alpha_s (1 - alpha_s/alpha_max)) that keeps voids bounded
+    alpha_diffusion : diffusion of logit(alpha_s) [m2/s] times alpha_s/(alpha_s + 0.01); a
+        mass-conserving diffusion D = alpha_diffusion/[(alpha_s + 0.01) (1 - alpha_s/alpha_max)]
+        that keeps voids bounded and leaves a dilute suspension to its eddies
     capture : C of a further diffusion C h^2 |div(alpha_s u_s)| of logit(alpha_s) [-]; it is there
         where the mesh of cells h fails to carry a front, and vanishes with h^4
     damping : C of a viscosity C h^2 |grad u_perp| of the secondary flow [-]; it bounds the Reynolds
@@ -145,6 +146,8 @@ class Solid(SolidsCoefficients):
         return bulk * ufl.Identity(3) + 2 * self.viscosity * self.strain
 
 
+# solids fraction below which the diffusion of the logit fades
+DILUTE = 1e-2
 # unit vector downstream
 AXIAL = ufl.as_vector((0.0, 0.0, 1.0))
 
@@ -232,10 +235,10 @@ class TwoFluidForms:
             dilation=dilation,
             square=square,
         )
-        if not self.closures.dispersed.needs_k:
+        if self.closures.dispersed.still:
             return found
         gas, grains = self.gas_eddies(state), self.grains(state, found)
-        nu_t = self.closures.dispersed.viscosity(gas, grains)
+        nu_t = self.at_point.solids_eddy_viscosity(gas, grains, self.stretch()[1])
         return replace(found, mu_t=alpha * self.at_point.grain.density * nu_t)
 
     def slip_speed(self, state: State) -> Expr:
@@ -255,7 +258,11 @@ class TwoFluidForms:
     def eddies(self, state: State) -> Eddies:
         """What the gas's law of turbulence sees, in the coordinates of the stretched profile."""
         scales = () if state.ln_k is None else (ufl.exp(state.ln_k), ufl.exp(state.ln_eps))
-        return self.at_point.eddies(self.shear(state, "u_g"), *self.stretch(), *scales)
+        found = self.at_point.eddies(self.shear(state, "u_g"), *self.stretch(), *scales)
+        if self.solids is None:
+            return found
+        height = self.stretch()[0]
+        return self.at_point.laden(found, self.alpha(state), self.slip_speed(state), height)
 
     def gas_eddies(self, state: State) -> GasEddies:
         """Gas turbulence as the grains meet it."""
@@ -290,14 +297,19 @@ class TwoFluidForms:
     def numerical_flux(self, state: State) -> Expr:
         """Volume flux of the solids by the diffusion of q [m/s].
 
-        -(alpha_diffusion + capture h^2 |div(alpha_s u_s)|) grad q
+        -(alpha_diffusion alpha_s/(alpha_s + 0.01) + capture h^2 |div(alpha_s u_s)|) grad q
+
+        The least rate of the second term fades with alpha_s as the first does.
         """
         alpha = self.alpha(state)
         rate = ufl.inner(self.axis.gradient(alpha), state.u_s)
         rate += alpha * ufl.tr(self.axis.jacobian(state.u_s))
         rate += self.axis.change(lambda s: self.alpha(s) * s.u_s[2], state)
-        capture = self.numerics.capture * self.domain.cell_area * self.bounded(rate**2)
-        return -(self.numerics.alpha_diffusion + capture) * self.axis.gradient(state.q)
+        # what a void needs would hide the profile of a dilute suspension
+        fade = alpha / (alpha + DILUTE)
+        capture = self.numerics.capture * self.domain.cell_area * self.bounded(rate**2, fade)
+        floor = fade * self.numerics.alpha_diffusion
+        return -(floor + capture) * self.axis.gradient(state.q)
 
     def grid_viscosity(self, u: Expr) -> Expr:
         """Kinematic viscosity damping h^2 |grad u_perp| of the mesh [m2/s]."""
@@ -305,9 +317,9 @@ class TwoFluidForms:
         across = sum(rate[i, j] ** 2 for i in range(2) for j in range(2))
         return self.numerics.damping * self.domain.cell_area * self.bounded(across)
 
-    def bounded(self, square: Expr) -> Expr:
+    def bounded(self, square: Expr, fade: Expr | float = 1.0) -> Expr:
         """Root of the square of a rate, kept off zero where its slope is infinite [1/s]."""
-        return ufl.sqrt(square + self.numerics.smallest_rate**2)
+        return ufl.sqrt(square + (fade * self.numerics.smallest_rate) ** 2)
 
     # -- balances ------------------------------------------------------------------------------
 
@@ -519,17 +531,25 @@ class TwoFluidForms:
         return self.at_point.wall_state(solid.alpha, solid.theta, solid, slip)
 
     def solids_wall_traction(self, state: State) -> Expr:
-        """c u_t, minus the traction of the wall on the solids [Pa]."""
+        """c u_t, minus the traction of the wall and of the eddies there on the solids [Pa]."""
         at_wall = self.wall_state(state, self.solid(state))
         friction = self.at_point.solids_wall_friction(at_wall)
+        friction += self._eddies_at_wall(state)[1]
         return friction * tangential(state.u_s, self.domain.normal)
 
     def gas_wall_traction(self, state: State) -> Expr:
         """c u_t per unit of gas fraction, minus the traction of the wall on the gas [Pa]."""
-        slip = tangential(state.u_g, self.domain.normal)
+        return self._eddies_at_wall(state)[0] * tangential(state.u_g, self.domain.normal)
+
+    def _eddies_at_wall(self, state: State) -> tuple[Expr, Expr | float]:
+        """c [Pa s/m] of the wall on pure gas, and of its eddies on the solids."""
+        speed = self.at_point.speed(tangential(state.u_g, self.domain.normal))
         height = self.closures.gas_wall.height(self.domain.wall_offset, self.domain.diameter)
         k = None if state.ln_k is None else ufl.exp(state.ln_k)
-        return self.at_point.gas_wall_friction(self.at_point.speed(slip), height, k) * slip
+        beside = None
+        if self.solids is not None:
+            beside = self.alpha(state), self.slip_speed(state)
+        return self.at_point.wall_friction(speed, height, k, beside)
 
     def wall_terms(
         self, u: Expr, v: Expr, traction: Expr, stress: Expr, viscosity: Expr, density: Expr

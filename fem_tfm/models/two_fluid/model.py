@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields, replace
 from typing import Any, ClassVar, Literal, Self
 
@@ -31,13 +31,19 @@ SUBLAYER_PLUS, SLOWEST = 2.0, 4e3
 FOUR_EQUATION = "realizable-4eq"
 
 
+def _name_of(given: Any) -> Any:
+    """Name of a law that is given as an object, a name or a table."""
+    return given.get("model") if isinstance(given, Mapping) else getattr(given, "name", given)
+
+
 class _Unstated(str):
     """Name of a default law, told apart from the same name given by the user."""
 
     __slots__ = ()
 
 
-UNSTATED = _Unstated("none")
+# turbulence of a gas with solids unless the case says otherwise; a laminar gas has none of it
+FOLLOWING, SPREADING = _Unstated("tchen"), _Unstated("burns")
 
 
 @dataclass(frozen=True)
@@ -65,7 +71,8 @@ class TwoFluid(Parameters):
 
     Each law is an object of `fem_tfm.laws`, its name, or a table
     { model = name, parameter = value }.
-    `turbulence = "realizable-4eq"` stands for two equations in each phase.
+    `turbulence = "realizable-4eq"` stands for two equations in each phase. In a laminar gas nothing
+    is dispersed unless a law for it is named.
 
     Raises InputError for laws that do not fit each other.
     """
@@ -89,10 +96,10 @@ class TwoFluid(Parameters):
         "turbulence", "mixing-length", "turbulence of the gas", "closures.turbulence"
     )
     dispersed: Dispersed = law(
-        "dispersed", UNSTATED, "turbulence of the solids", "closures.dispersed"
+        "dispersed", FOLLOWING, "turbulence of the solids", "closures.dispersed"
     )
     dispersion: Dispersion = law(
-        "dispersion", "none", "turbulent dispersion of the solids", "closures.dispersion"
+        "dispersion", SPREADING, "turbulent dispersion of the solids", "closures.dispersion"
     )
     friction_feeds_theta: bool = parameter(
         False,
@@ -125,6 +132,10 @@ class TwoFluid(Parameters):
             object.__setattr__(self, "turbulence", "realizable")
             if isinstance(self.dispersed, _Unstated):
                 object.__setattr__(self, "dispersed", "k-epsilon")
+        if _name_of(given) == "laminar":
+            for name in ("dispersed", "dispersion"):
+                if isinstance(getattr(self, name), _Unstated):
+                    object.__setattr__(self, name, "none")
         super().__post_init__()
         self._check_turbulence()
 

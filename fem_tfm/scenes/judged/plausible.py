@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from fem_tfm.correlations import (
     friction_velocity,
+    konno_saito,
     rizk_velocity,
     smooth_friction,
     terminal_velocity,
@@ -23,6 +24,12 @@ LEAST_LOADING, LARGEST_LOADING, SHORTEST_LINE, SLOWEST = 1e-4, 1e3, 1.0, 50.0
 FAST, FASTER_BY = 3.0, 10.0
 # Rouse numbers below and above which grains stay up and settle, and von Karman's constant
 SUSPENDED, SETTLED, KARMAN = 0.3, 1.0, 0.41
+# grains that correlations were made for [m], hold-up of dilute flow, and the least share of the
+# friction that they give
+KONNO_SAITO_GRAINS, RIZK_GRAINS = (5e-5, 3e-3), (1e-4, 2e-3)
+DILUTE, LEAST_FRICTION = 0.01, 0.5
+# g D/v_t^2 from which grains move in clusters, and the loading below which they do not
+CLUSTERED, CLUSTER_LOADING = 4.0, 0.5
 # lines steeper than this do not let grains settle [deg], and the least Re of a turbulent gas
 STEEP, TURBULENT = 45.0, 4000.0
 
@@ -82,15 +89,25 @@ def _of_the_gas(scene: Any) -> Iterator[Derived]:
         yield Derived("wall distance y+", y_plus, "")
 
 
+def solids_flux(scene: Any) -> float:
+    """Superficial velocity of the solids, about, where their hold-up is given [m/s]."""
+    kind, value = scene.solids_feed
+    return float(value if kind == "flux" else value * scene.feed.gas_velocity)
+
+
+def loading(scene: Any) -> float:
+    """Mass flow of the solids over that of the gas [-]."""
+    mass = scene.model.solids.density * solids_flux(scene)
+    return float(mass / (scene.model.gas.density * scene.feed.gas_velocity))
+
+
 def _of_the_solids(scene: Any) -> Iterator[Derived]:
     gas, solids, feed = scene.model.gas, scene.model.solids, scene.feed
     ratio, doubt = solids.density / gas.density, ""
     if solids.density < LIGHT_GRAINS or ratio < LIGHT_RATIO:
         doubt = f"is solids.density = {solids.density:g} in kg/m3, not in g/cm3?"
     yield Derived("solids density over that of the gas", ratio, "", doubt)
-    kind, value = scene.solids_feed
-    flux = value if kind == "flux" else value * feed.gas_velocity
-    loading = solids.density * flux / (gas.density * feed.gas_velocity)
+    (kind, _), flux = scene.solids_feed, solids_flux(scene)
     if kind == "flux":
         doubt = ""
         if flux > solids.packing_limit * feed.gas_velocity:
@@ -100,9 +117,9 @@ def _of_the_solids(scene: Any) -> Iterator[Derived]:
             )
         yield Derived("solids superficial velocity", flux, "m/s", doubt)
     doubt = ""
-    if not LEAST_LOADING <= loading <= LARGEST_LOADING:
+    if not LEAST_LOADING <= loading(scene) <= LARGEST_LOADING:
         doubt = "outside of what is conveyed; are feed and diameter in SI units?"
-    yield Derived("loading, solids over gas by mass", loading, "", doubt)
+    yield Derived("loading, solids over gas by mass", loading(scene), "", doubt)
     yield Derived("wall distance in grain diameters", scene.wall_offset / solids.diameter, "")
     if feed.gravity > 0:
         yield from _of_settling(scene, solids.density * flux * scene.geometry.area)
@@ -116,6 +133,7 @@ def _of_settling(scene: Any, mass_flow: float) -> Iterator[Derived]:
     falling = terminal_velocity(gas, solids, feed.gravity)
     yield Derived("terminal velocity of a grain", falling, "m/s")
     if abs(scene.geometry.inclination_deg) > STEEP:
+        yield _of_clusters(scene, falling)
         return
     if scene.reynolds > TURBULENT:
         rouse = falling / (KARMAN * friction_velocity(feed.gas_velocity, width, nu))
@@ -130,6 +148,20 @@ def _of_settling(scene: Any, mass_flow: float) -> Iterator[Derived]:
     yield Derived("saltation velocity by Rizk", rizk, f"m/s (the gas is {words})")
 
 
+def _of_clusters(scene: Any, falling: float) -> Derived:
+    """Whether grains of a rising line move in clusters, which a steady section averages over."""
+    width = scene.geometry.hydraulic_diameter
+    size = scene.feed.gravity * width / falling**2 if falling > 0 else math.inf
+    doubt, uniform = "", scene.model.drag.name != "igci"
+    if size > CLUSTERED and loading(scene) > CLUSTER_LOADING and uniform:
+        doubt = (
+            "such grains rise in clusters, which are not resolved: slip and hold-up come out too"
+            " small with the drag of a uniform suspension; closures.drag = 'igci' accounts for them"
+            " and walls.solids = 'johnson-jackson' for the bounce off the wall"
+        )
+    return Derived("diameter over the length to reach terminal velocity", size, "", doubt)
+
+
 def _of_the_drop(scene: Any, flux: float) -> Iterator[Derived]:
     """The drop by correlations over the absolute pressure, where something tells that.
 
@@ -139,13 +171,85 @@ def _of_the_drop(scene: Any, flux: float) -> Iterator[Derived]:
     pressure = feed.outlet_pressure or gas.pressure
     if pressure is None or scene.reynolds < TURBULENT:
         return
-    width, speed = geometry.hydraulic_diameter, feed.gas_velocity
-    gradient = smooth_friction(scene.reynolds) / 2 * gas.density * speed**2 / width
-    gradient += 0.057 * flux * math.sqrt(feed.gravity / width)
     rise = math.sin(math.radians(geometry.inclination_deg))
-    gradient += feed.gravity * rise * (gas.density + flux / speed)
+    gradient = sum(friction_estimate(scene, flux))
+    gradient += feed.gravity * rise * (gas.density + flux / feed.gas_velocity)
     share = abs(gradient) * geometry.length / pressure
     yield Derived("pressure drop by correlations over the pressure", share, "")
+
+
+def friction_estimate(scene: Any, flux: float) -> tuple[float, float]:
+    """Friction of the gas alone, and of the solids by Konno and Saito [Pa/m].
+
+    flux : of the solids [kg/m2/s]
+    """
+    gas, speed = scene.model.gas, scene.feed.gas_velocity
+    width = scene.geometry.hydraulic_diameter
+    alone = smooth_friction(scene.reynolds) / 2 * gas.density * speed**2 / width
+    return alone, konno_saito(flux, width, scene.feed.gravity)
+
+
+# -- beside an answer ------------------------------------------------------------------------------
+
+
+def estimates(scene: Any, found: Mapping[str, float]) -> list[str]:
+    """What published correlations give for the line of an answer, one sentence each."""
+    solids, feed = scene.model.solids, scene.feed
+    if solids is None or scene.reynolds < TURBULENT or not feed.gravity > 0:
+        return []
+    flow, said = found["solids_mass_flow"], []
+    alone, grains = friction_estimate(scene, flow / scene.geometry.area)
+    said.append(
+        f"friction by Prandtl and Karman with Konno and Saito: {alone:.3g} + {grains:.3g} Pa/m;"
+        f" answer {_friction(scene, found):.3g} Pa/m"
+        f"{_outside(solids.diameter, KONNO_SAITO_GRAINS, found['holdup'])}"
+    )
+    if abs(scene.geometry.inclination_deg) <= STEEP:
+        width = scene.geometry.hydraulic_diameter
+        rizk = rizk_velocity(flow, width, scene.model.gas, solids, feed.gravity)
+        said.append(
+            f"grains begin to settle below {rizk:.3g} m/s by Rizk; gas {feed.gas_velocity:g} m/s"
+            f"{_outside(solids.diameter, RIZK_GRAINS, found['holdup'])}"
+        )
+    return said
+
+
+def out_of_range(scene: Any, found: Mapping[str, float]) -> list[str]:
+    """Whether a dilute line rubs much less or more than conveying lines were measured to do."""
+    solids = scene.model.solids
+    if solids is None or scene.reynolds < TURBULENT or not scene.feed.gravity > 0:
+        return []
+    if not found["holdup"] < DILUTE or not _inside(solids.diameter, KONNO_SAITO_GRAINS):
+        return []
+    expected = sum(friction_estimate(scene, found["solids_mass_flow"] / scene.geometry.area))
+    got = _friction(scene, found)
+    if LEAST_FRICTION * expected <= got <= expected / LEAST_FRICTION:
+        return []
+    return [
+        f"friction of {got:.3g} Pa/m is {got / expected:.2g} times the {expected:.3g} Pa/m of"
+        " Prandtl and Karman with Konno and Saito, which measured lines keep within a factor of"
+        " two: the closures leave their range here"
+    ]
+
+
+def _friction(scene: Any, found: Mapping[str, float]) -> float:
+    """Gradient by friction of both phases [Pa/m]."""
+    drop = found["drop_gas_friction"] + found["drop_solids_friction"]
+    return float(drop / scene.geometry.length)
+
+
+def _inside(size: float, bounds: tuple[float, float]) -> bool:
+    return bounds[0] <= size <= bounds[1]
+
+
+def _outside(size: float, bounds: tuple[float, float], holdup: float) -> str:
+    """What an estimate must say of itself."""
+    said = []
+    if not _inside(size, bounds):
+        said.append(f"grains of {1e3 * bounds[0]:g} to {1e3 * bounds[1]:g} mm")
+    if not holdup < DILUTE:
+        said.append("dilute flow")
+    return f" (made for {' and '.join(said)})" if said else ""
 
 
 # -- what is refused -------------------------------------------------------------------------------

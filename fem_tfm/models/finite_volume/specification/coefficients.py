@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import ufl
@@ -60,7 +61,8 @@ def wall_centre(
     return WallState(ufl.max_value(alpha, 0), theta, at.g0, at.p_f, slip)
 
 
-def gas_wall(on: FacetForms, point: Pointwise, void: Any, u: Any, height: Any, k: Any) -> Any:
-    """Friction c of the traction -c u of a wall on the gas [Pa s/m]."""
-    slip = point.speed(tangential(u, on.normal.edge))
-    return void * point.gas_wall_friction(slip, height, k)
+def gas_wall(on: FacetForms, point: Pointwise, at: SimpleNamespace, height: Any) -> tuple[Any, Any]:
+    """Friction c of the tractions -c u [Pa s/m]: of a wall on pure gas, of its eddies on solids."""
+    speed = point.speed(tangential(at.u_g, on.normal.edge))
+    beside = present(at.alpha), point.speed(at.u_g - at.u_s)
+    return point.wall_friction(speed, height, at.scales.get("k"), beside)
