@@ -10,7 +10,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from fem_tfm.bench import duct, error, grains, particles, stress, unsteady, unsteady_error
+from fem_tfm.bench import (
+    duct,
+    error,
+    grains,
+    particles,
+    stress,
+    stress_unsteady,
+    unsteady,
+    unsteady_error,
+)
 from fem_tfm.errors import InputError, nearest
 
 BENCHMARKS: dict[str, Callable[[Path], str]] = {
@@ -21,6 +30,7 @@ BENCHMARKS: dict[str, Callable[[Path], str]] = {
     "stress": lambda out: stress.run(),
     "stress-quick": lambda out: stress.run_quick(),
     "stress-turbulence": lambda out: stress.run_turbulent(),
+    "stress-unsteady": lambda out: stress_unsteady.run(),
     "unsteady": lambda out: unsteady.run(),
     "unsteady-error": unsteady_error.run,
     "unsteady-error-log-law": lambda out: unsteady_error.run(out, "log-law"),

@@ -56,6 +56,7 @@ from fem_tfm.models.finite_volume.specification.momentum import (
     drag,
     implicit_correction,
     momentum,
+    on_faces,
     momentum_source,
     viscous_force,
 )
@@ -557,7 +558,7 @@ def test_corrections_of_the_momentum_are_those_of_the_forms(recorded: RecordedSt
     for phase, viscosity, mass in zip(phases, lagging, masses, strict=True):
         if phase.implicit_correction is not None:
             span = levels.span_faces
-            args = on.cell(viscosity), on.cell(mass), volume, span
+            args = on_faces(on, phase, on.cell(viscosity)), on.cell(mass), volume, span
             found = on.values(implicit_correction(on, *args)) * cells.face_area
             assert_close(found[inner], phase.implicit_correction[inner])
     if phases[1].dispersion_force is not None:
