@@ -188,6 +188,7 @@ def _line(rng: np.random.Generator, size: float) -> dict[str, Any]:
         "geometry.length": length,
         "geometry.inclination_deg": angle,
         "numerics.level": 1,
+        "numerics.wall_grading": 0.25,
         "numerics.axial_cells": int(rng.integers(*SLICES, endpoint=True)),
     }
     if shape == "duct":

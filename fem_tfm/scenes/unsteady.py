@@ -52,6 +52,8 @@ from fem_tfm.solvers.time_stepping import TimeControl, TimeStepping
 OUTPUTS, FIRST_SHARE = 20, 0.01
 # times closer than this, over the end, are the same
 SAME_TIME = 1e-9
+# Courant number behind a step over that for which it was chosen, above which the step is taken back
+SURPRISE = 5.0
 # iterations of each equation that count as all the effort a step may take
 MOST_ITERATIONS = {
     "solids fraction": 25, "theta": 60, "turbulence": 150, "momentum": 100, "pressure": 60,
@@ -322,7 +324,8 @@ class Stepped:
 
     def advance(self, dt: float, time: float) -> float:
         """Go one step and return its effort."""
-        self.report = self.flow.advance(dt, self.scene.inflow(time))
+        most = SURPRISE * self.scene.numerics.courant
+        self.report = self.flow.advance(dt, self.scene.inflow(time), most)
         self.flow.time = time
         taken = self.report.iterations
         return max(n / MOST_ITERATIONS[name] for name, n in taken.items())

@@ -563,7 +563,8 @@ def test_corrections_of_the_momentum_are_those_of_the_forms(recorded: RecordedSt
             assert_close(found[inner], phase.implicit_correction[inner])
     if phases[1].dispersion_force is not None:
         alpha = on.cell(step.state.alpha)
-        force = dispersion_force(on, on.cell(step.turbulence.dispersion), alpha)
+        carried = on.face(phases[0].face_fraction)
+        force = dispersion_force(on, on.cell(step.turbulence.dispersion), alpha, carried)
         found = on.values(force)
         assert_close(found, phases[1].dispersion_force)
         assert_close(-found, phases[0].dispersion_force)

@@ -25,7 +25,7 @@ from fem_tfm.models.finite_volume.body_force import BodyForceBalance
 from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
-from fem_tfm.models.finite_volume.cells.mesh import Array, Cells, Index
+from fem_tfm.models.finite_volume.cells.mesh import SMALLEST, Array, Cells, Index
 from fem_tfm.models.finite_volume.scheme import FirstOrder
 from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
@@ -156,17 +156,24 @@ class Momentum:
         gas = self._gas(step, 1 - solids.face_fraction)
         if step.turbulence is None or step.turbulence.dispersion is None:
             return [solids, gas]
-        force = self._dispersion_force(step.state.alpha, step.turbulence.dispersion)
+        force = self._dispersion_force(
+            step.state.alpha, step.turbulence.dispersion, solids.face_fraction
+        )
         return [replace(solids, dispersion_force=-force), replace(gas, dispersion_force=force)]
 
-    def _dispersion_force(self, alpha: Array, coefficient: Array) -> Array:
-        """Force on the gas by which eddies disperse solids, along the normals of faces [N/m3]."""
+    def _dispersion_force(self, alpha: Array, coefficient: Array, carried: Array) -> Array:
+        """Force on the gas by which eddies disperse solids, along the normals of faces [N/m3].
+
+        It acts on the solids that a face carries: on the surface of a bed these are few.
+
+        carried (faces) : their fraction [-]
+        """
         cells, inner = self.line.cells, self.line.inner
         force = np.zeros(cells.face_count)
         rise = alpha[cells.second] - alpha[cells.first[inner]]
         coefficient = cells.to_faces(coefficient)[inner]
         force[inner] = coefficient * rise * self.line.inverse_distance[inner]
-        return force
+        return force * np.minimum(carried / np.maximum(cells.to_faces(alpha), SMALLEST), 1.0)
 
     def _solids(self, step: Step) -> Phase:
         """Coefficients of the solids."""

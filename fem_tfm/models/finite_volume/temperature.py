@@ -57,7 +57,8 @@ class GranularTemperature:
         alpha, dilation = np.maximum(solids.alpha, 0.0), self._dilation(step)
         coefficients = laws.coefficients(alpha, theta, shear, dilation)
         if laws.closures.theta == "algebraic":
-            found = laws.algebraic_theta(alpha, coefficients.g0, shear, step.drag)
+            expansion = np.maximum(dilation, 0.0)
+            found = laws.algebraic_theta(alpha, coefficients.g0, shear, step.drag, expansion)
             # no step makes more of it than the motion within a cell can give
             gained = shear * line.cells.volume ** (2 / 3)
             return self._bounded(np.minimum(found, step.levels.now.theta + gained), alpha), 0

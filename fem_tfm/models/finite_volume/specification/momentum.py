@@ -8,6 +8,7 @@ from typing import Any
 
 import ufl
 
+from fem_tfm.models.finite_volume.cells.mesh import SMALLEST
 from fem_tfm.models.finite_volume.specification.data import entering_flow, present
 from fem_tfm.models.finite_volume.specification.facets import IMPERMEABLE, Face, FacetForms
 from fem_tfm.models.finite_volume.specification.transport import transported
@@ -124,6 +125,14 @@ def implicit_correction(on: FacetForms, viscosity: Face, mass: Any, volume: Any,
     return Face(lagging**2 / (lagging + inertia) / on.face_area.inner, 0)
 
 
-def dispersion_force(on: FacetForms, dispersion: Any, alpha: Any) -> Face:
-    """Force on the gas by which eddies spread the solids, mean(c) rise(alpha_s)/(n.d) [N/m3]."""
-    return on.mean(dispersion) * on.rise(alpha) * on.weight
+def dispersion_force(on: FacetForms, dispersion: Any, alpha: Any, carried: Face) -> Face:
+    """Force on the gas by which eddies spread the solids that a face carries [N/m3].
+
+        mean(c) rise(alpha_s)/(n.d) min(carried/mean(alpha_s), 1)
+    """
+    share = Face.of(
+        lambda part, mean: ufl.min_value(part / ufl.max_value(mean, SMALLEST), 1),
+        carried,
+        on.mean(alpha),
+    )
+    return on.mean(dispersion) * on.rise(alpha) * on.weight * share
