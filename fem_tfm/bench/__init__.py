@@ -42,16 +42,21 @@ ALL = ("error", "duct", "stress")
 RESULTS = Path("results") / "bench"
 
 
-def run(name: str | None = None, out: str | Path = RESULTS) -> str:
+def run(name: str | None = None, out: str | Path = RESULTS, scenes: str | None = None) -> str:
     """Run one benchmark, or error, duct and stress in turn; return their summaries.
 
     out : directory of the pictures
+    scenes : numbers of those of stress-unsteady, "7" or "1-50"
 
     Raises
     ------
     InputError
-        there is no benchmark of that name, or no demo to measure
+        there is no benchmark of that name, no such scene, or no demo to measure
     """
+    if scenes is not None:
+        if name != "stress-unsteady":
+            raise InputError("--scenes", scenes, "the benchmark stress-unsteady beside it")
+        return stress_unsteady.run(*stress_unsteady.numbers(scenes))
     if name is not None and name not in BENCHMARKS:
         allowed = "one of " + ", ".join(BENCHMARKS)
         raise InputError("benchmark", name, allowed, nearest(name, BENCHMARKS))

@@ -24,7 +24,8 @@ from mpi4py import MPI
 from fem_tfm.bench.stress import LARGEST_GRAIN, LEFT_OUT, PACKED_FRACTION, PLASTIC, nested
 from fem_tfm.case import Case
 from fem_tfm.closures import make, names
-from fem_tfm.errors import SolverError
+from fem_tfm.closures.drag import Ergun
+from fem_tfm.errors import InputError, SolverError
 from fem_tfm.materials import Gas, Solids
 from fem_tfm.scenes.recorder import Setting
 from fem_tfm.scenes.unsteady import FlowRecorder, Unsteady
@@ -119,7 +120,9 @@ class Watch(FlowRecorder):
         super().step()
         now, cells = self.section.flow.now, self.section.flow.cells
         own = slice(0, cells.owned)
-        of_gas, of_solids = (cells.largest(np.linalg.norm(u[own], axis=1)) for u in (now.u_g, now.u_s))
+        of_gas, of_solids = (
+            cells.largest(np.linalg.norm(u[own], axis=1)) for u in (now.u_g, now.u_s)
+        )
         self.gas, self.solids = max(self.gas, of_gas), max(self.solids, of_solids)
         self.mass_error = max(self.mass_error, self.section.report.mass_error)
         if self.stepping.count >= MOST_STEPS:
@@ -213,7 +216,8 @@ def _start(rng: np.random.Generator, line: dict[str, Any]) -> tuple[dict[str, An
     found: dict[str, Any] = {"initial.state": state}
     if state != "bed":
         return found, 0.0
-    height = line.get("geometry.height", line.get("geometry.diameter"))
+    size = "geometry.height" if "geometry.height" in line else "geometry.diameter"
+    height: float = line[size]
     begin, extent = _number(rng, 0, 0.5), _number(rng, 0.1, FILLED)
     found |= {
         "initial.bed_fraction": _number(rng, 0.2, 0.6),
@@ -253,7 +257,7 @@ def _slowest(values: dict[str, Any], packed: float) -> float:
     length, void = packed * values["geometry.length"], 1 - PACKED_FRACTION
     gas = Gas(density=values["gas.density"], viscosity=VISCOSITY)
     grains = Solids(density=values["solids.density"], diameter=values["solids.diameter"])
-    speed, law = values["operation.gas_superficial_velocity"], make("drag", "ergun")
+    speed, law = values["operation.gas_superficial_velocity"], Ergun()
     while (
         law.specific(PACKED_FRACTION, speed / void, gas, grains)
         * (PACKED_FRACTION * speed / void**2 * length)
@@ -339,7 +343,9 @@ def describe(case: Case) -> str:
     laws += [case["walls.gas.model"], case["walls.solids.model"], case["closures.theta"]]
     solids, start, shape = model.solids, given.initial, given.geometry
     assert solids is not None
-    spells = [key for key in ("gas_schedule", "solids_schedule", "outlet_blocked") if getattr(feed, key)]
+    spells = [
+        key for key in ("gas_schedule", "solids_schedule", "outlet_blocked") if getattr(feed, key)
+    ]
     return "\n".join(
         (
             f"  {', '.join(laws)}",
@@ -394,6 +400,18 @@ def summary(outcomes: list[Outcome]) -> str:
     causes = Counter(o.cause for o in outcomes if not o.ended)
     lines += [f"{count:4d}  {cause}" for cause, count in causes.most_common()]
     return "\n".join(lines)
+
+
+def numbers(text: str) -> tuple[int, int]:
+    """First and last number of scenes given as "7" or "1-50"; raises InputError for others."""
+    first, _, last = text.partition("-")
+    try:
+        found = int(first), int(last or first)
+    except ValueError:
+        found = 0, 0
+    if not 1 <= found[0] <= found[1]:
+        raise InputError("--scenes", text, "numbers from 1 on, as 7 or 1-50")
+    return found
 
 
 def run(first: int = 1, last: int = SCENES) -> str:

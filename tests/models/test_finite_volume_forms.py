@@ -56,8 +56,8 @@ from fem_tfm.models.finite_volume.specification.momentum import (
     drag,
     implicit_correction,
     momentum,
-    on_faces,
     momentum_source,
+    on_faces,
     viscous_force,
 )
 from fem_tfm.models.finite_volume.specification.pressure import (

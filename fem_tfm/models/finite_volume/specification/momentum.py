@@ -112,7 +112,9 @@ def viscous_force(
     return found + lateral * ufl.dot(n.edge, w) * on.ds(*IMPERMEABLE)
 
 
-def implicit_correction(on: FacetForms, viscosity: Face, mass: Any, volume: Any, span: Face) -> Face:
+def implicit_correction(
+    on: FacetForms, viscosity: Face, mass: Any, volume: Any, span: Face
+) -> Face:
     """What the operator of the momentum holds of a stress that lags a step behind [kg/m2/s].
 
         D^2/(D + min(m V)/dt),   D = viscosity |S|^2/(S.d)
@@ -128,7 +130,7 @@ def implicit_correction(on: FacetForms, viscosity: Face, mass: Any, volume: Any,
 def dispersion_force(on: FacetForms, dispersion: Any, alpha: Any, carried: Face) -> Face:
     """Force on the gas by which eddies spread the solids that a face carries [N/m3].
 
-        mean(c) rise(alpha_s)/(n.d) min(carried/mean(alpha_s), 1)
+    mean(c) rise(alpha_s)/(n.d) min(carried/mean(alpha_s), 1)
     """
     share = Face.of(
         lambda part, mean: ufl.min_value(part / ufl.max_value(mean, SMALLEST), 1),
