@@ -253,6 +253,8 @@ def test_an_unsteady_scene_ends_or_says_why(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(stress_unsteady, "_tell", told.append)
     (ended,) = stress_unsteady.solve_all([41])
     assert ended.ended and ended.reached == 1 and 1 < ended.gas < 2 and ended.mass_error < 1e-12
+    foreseen = float(stress_unsteady.scene(41).scene.describe()["time"].split()[-2])
+    assert foreseen / 3 < ended.steps < 3 * foreseen
     monkeypatch.setattr(stress_unsteady, "MOST_STEPS", 5)
     (stopped,) = stress_unsteady.solve_all([41])
     assert not stopped.ended and stopped.steps == 5 and "have not reached" in stopped.reason
