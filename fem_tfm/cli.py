@@ -186,7 +186,7 @@ def bench(options: argparse.Namespace) -> None:
     """Run the benchmarks: run time against error."""
     from fem_tfm import bench as benchmarks
 
-    _say(benchmarks.run(options.name, options.out))
+    _say(benchmarks.run(options.name, options.out, options.scenes))
 
 
 def models(options: argparse.Namespace) -> None:
@@ -348,6 +348,9 @@ def _parser() -> argparse.ArgumentParser:
     timing.add_argument("name", metavar="NAME", nargs="?", help="one benchmark [all]")
     timing.add_argument(
         "--out", metavar="DIR", default="results/bench", help="where pictures go [%(default)s]"
+    )
+    timing.add_argument(
+        "--scenes", metavar="N[-M]", help="numbers of the random unsteady scenes [1-200]"
     )
     return parser
 

@@ -164,7 +164,7 @@ def _constant_drag(numbers: dict[str, float], factor: float) -> dict[str, Any]:
     return {"model": "constant", "value": factor * size}
 
 
-def _nested(values: dict[str, Any]) -> dict[str, Any]:
+def nested(values: dict[str, Any]) -> dict[str, Any]:
     """Tables from dotted keys."""
     tables: dict[str, Any] = {}
     for key, value in values.items():
@@ -190,7 +190,7 @@ def cases(
                 values["closures.drag"] = _constant_drag(numbers, factor)
             if chosen["closures.friction"] in PLASTIC:
                 values["solids.friction_limit"] = PACKED_FRACTION
-            found.append(Case.from_dict(_nested(values)))
+            found.append(Case.from_dict(nested(values)))
     return found
 
 

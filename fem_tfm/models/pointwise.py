@@ -315,13 +315,19 @@ class Pointwise:
             decay=k.dissipation / theta + 3 * beta,
         )
 
-    def algebraic_theta(self, alpha: Value, g0: Value, square: Value, beta: Value) -> Value:
+    def algebraic_theta(
+        self, alpha: Value, g0: Value, square: Value, beta: Value, expansion: Value = 0.0
+    ) -> Value:
         """Theta where production equals dissipation and drag, above the floor [m2/s2].
 
-        It is without -p D: compression, which voids exaggerate, would feed Theta without bound.
+        It is without -p D of a compression, which voids exaggerate and which would feed Theta
+        without bound.
+
+        expansion : max(D, 0) [1/s], whose work p D Theta loses
         """
         granular, solids = self.closures.granular, self.grain
-        found = algebraic_theta(alpha, g0, square, 0.0, granular, solids, self.diameter, beta)
+        rates = alpha, g0, square, expansion
+        found = algebraic_theta(*rates, granular, solids, self.diameter, beta)
         return found + self.regularisation.theta_floor
 
     # -- drag ----------------------------------------------------------------------------------

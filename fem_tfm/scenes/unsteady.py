@@ -52,6 +52,8 @@ from fem_tfm.solvers.time_stepping import TimeControl, TimeStepping
 OUTPUTS, FIRST_SHARE = 20, 0.01
 # times closer than this, over the end, are the same
 SAME_TIME = 1e-9
+# Courant number behind a step over that for which it was chosen, above which the step is taken back
+SURPRISE = 5.0
 # iterations of each equation that count as all the effort a step may take
 MOST_ITERATIONS = {
     "solids fraction": 25, "theta": 60, "turbulence": 150, "momentum": 100, "pressure": 60,
@@ -60,6 +62,11 @@ MOST_ITERATIONS = {
 UNKNOWNS, GAS_UNKNOWNS = 9, 4
 # measured at 6,000 and 9,600 cells: memory [MB] and CPU time of a cell and step [s]
 BASE_MEMORY, CELL_MEMORY, CELL_TIME, SCALE_TIME = 220, 0.014, 8e-6, 0.6e-6
+# measured at 400 to 1,000 cells: CPU time of a step whatever its cells, more for each scale [s];
+# a step of second order takes this often the time
+STEP_TIME, STEP_SCALE_TIME, SECOND_ORDER = 4e-3, 1.5e-3, 2.0
+# largest velocity in a section over the mean, and steps that random scenes take over those foreseen
+PEAK, MORE_STEPS = 1.2, 1.4
 # cells that a triangle of the section becomes in a layer
 TETRAHEDRA = 3
 FILES = (*SECTION_FILES, "probes.csv", "sections.csv", "plane.png")
@@ -305,17 +312,35 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
         physics = self.physics
         layers, end = axial_layers(*physics.line), self.numerics.end_time
         cells = line_cells(*physics.line, MPI.COMM_SELF)
-        steps = end * self.feed.gas_velocity * layers / self.geometry.length / self.numerics.courant
-        steps = max(steps, end / self.control().largest)
-        cell_time = CELL_TIME + SCALE_TIME * len(self.model.scales)
+        steps, scales = self._steps(layers), len(self.model.scales)
+        step_time = STEP_TIME + STEP_SCALE_TIME * scales + cells * (CELL_TIME + SCALE_TIME * scales)
+        step_time *= SECOND_ORDER if self.numerics.order == 1 else 1.0
         words = f"unsteady flow by the two-fluid model: all of 3D, {end:g} s"
         given = f"{dense.entering(self)}; starts from state {self.initial.state!r}"
         return describe(self, words, given) | {
             "meshes": f"{layers} layers of {cells // layers} cells",
             "finest_mesh": f"{cells} cells, about {cells * physics.unknowns} unknowns",
             "memory": f"about {BASE_MEMORY + CELL_MEMORY * cells:.0f} MB",
-            "time": f"about {cell_time * cells * steps:.0f} s for at least {steps:.0f} steps",
+            "time": f"about {step_time * steps:.0f} s for about {steps:.0f} steps",
         }
+
+    def _steps(self, layers: int) -> float:
+        """Number of steps through so many layers, as far as it is known before the flow.
+
+        What the Courant number of the gas that enters or the largest step takes, and the growth
+        from the first step on.
+        """
+        control, end, feed = self.control(), self.numerics.end_time, self.feed
+        fraction = self.solids_inlet[0] if self.solids_inlet else 0.0
+        if self.initial.state == "bed":
+            fraction = max(fraction, self.initial.bed_fraction)
+        speed = PEAK * feed.gas_velocity / (1 - fraction)
+        speed *= max((factor for _, factor in feed.gas_schedule), default=1.0)
+        usual = min(control.largest, control.courant * self.geometry.length / layers / speed)
+        growing = math.log(max(usual / control.first, 1.0)) / math.log(control.growth)
+        # growing steps cover what 1/(1 - 1/growth) usual ones do
+        foreseen = max(end / usual - 1 / (1 - 1 / control.growth), 0.0) + growing + 1
+        return MORE_STEPS * foreseen
 
 
 def is_due(time: float, span: float, end: float) -> bool:
@@ -342,7 +367,8 @@ class Stepped:
 
     def advance(self, dt: float, time: float) -> float:
         """Go one step and return its effort."""
-        self.report = self.flow.advance(dt, self.scene.inflow(time))
+        most = SURPRISE * self.scene.numerics.courant
+        self.report = self.flow.advance(dt, self.scene.inflow(time), most)
         self.flow.time = time
         taken = self.report.iterations
         return max(n / MOST_ITERATIONS[name] for name, n in taken.items())

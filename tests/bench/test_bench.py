@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from fem_tfm import bench
-from fem_tfm.bench import duct, error, stress, unsteady, unsteady_error
+from fem_tfm.bench import duct, error, stress, stress_unsteady, unsteady, unsteady_error
 from fem_tfm.bench.demo import demo
 from fem_tfm.case import Case
 from fem_tfm.closures import make, names
@@ -215,3 +215,49 @@ def test_the_unsteady_flow_is_held_against_the_march(
     assert float(first[5]) == pytest.approx(abs(gradients[0] / 100 - 1), rel=0.05)
     assert float(first[6]) == pytest.approx(0.0, abs=1e-3)
     assert (tmp_path / "unsteady_error_log-law.png").stat().st_size > 10000
+
+
+def test_unsteady_scenes_are_possible_varied_and_the_same_by_number() -> None:
+    cases = [stress_unsteady.scene(number) for number in range(1, stress_unsteady.SCENES + 1)]
+    assert [c.dump() for c in cases[:5]] == [stress_unsteady.scene(n).dump() for n in range(1, 6)]
+    for case in cases:
+        case.scene.examine()
+    kinds = Counter(type(case.scene.geometry).__name__ for case in cases)
+    assert kinds["Pipe"] > 70 and min(kinds["Duct"], kinds["Bend"]) > 30
+    for key, few in (
+        ("numerics.order", 70),
+        ("initial.state", 40),
+        ("closures.turbulence.model", 20),
+    ):
+        assert min(Counter(case[key] for case in cases).values()) > few
+    for key in ("outlet_blocked", "gas_schedule", "solids_schedule"):
+        assert sum(bool(case[f"operation.{key}"]) for case in cases) > 30
+    assert min(c["numerics.courant"] for c in cases) < 1.2
+    assert max(c["numerics.courant"] for c in cases) > 4.8
+    for key, family in (("drag", "drag"), ("friction", "friction"), ("granular", "granular")):
+        found = {case[f"closures.{key}.model"] for case in cases}
+        assert found == set(names(family)) - stress.LEFT_OUT - {"constant"}
+
+
+def test_unsteady_scenes_are_chosen_by_number() -> None:
+    assert stress_unsteady.numbers("7") == (7, 7) and stress_unsteady.numbers("1-50") == (1, 50)
+    for text in ("0", "5-3", "x", "-2"):
+        with pytest.raises(InputError, match="--scenes"):
+            stress_unsteady.numbers(text)
+    with pytest.raises(InputError, match="stress-unsteady"):
+        bench.run("stress", scenes="7")
+
+
+def test_an_unsteady_scene_ends_or_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str] = []
+    monkeypatch.setattr(stress_unsteady, "_tell", told.append)
+    (ended,) = stress_unsteady.solve_all([41])
+    assert ended.ended and ended.reached == 1 and 1 < ended.gas < 2 and ended.mass_error < 1e-12
+    foreseen = float(stress_unsteady.scene(41).scene.describe()["time"].split()[-2])
+    assert foreseen / 3 < ended.steps < 3 * foreseen
+    monkeypatch.setattr(stress_unsteady, "MOST_STEPS", 5)
+    (stopped,) = stress_unsteady.solve_all([41])
+    assert not stopped.ended and stopped.steps == 5 and "have not reached" in stopped.reason
+    text = stress_unsteady.summary([ended, stopped])
+    assert "1 of 2 scenes ended (50.0 %)" in text and "# steps have not reached the end" in text
+    assert "grains" in told[-1]

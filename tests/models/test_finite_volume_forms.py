@@ -57,6 +57,7 @@ from fem_tfm.models.finite_volume.specification.momentum import (
     implicit_correction,
     momentum,
     momentum_source,
+    on_faces,
     viscous_force,
 )
 from fem_tfm.models.finite_volume.specification.pressure import (
@@ -558,12 +559,13 @@ def test_corrections_of_the_momentum_are_those_of_the_forms(recorded: RecordedSt
     for phase, viscosity, mass in zip(phases, lagging, masses, strict=True):
         if phase.implicit_correction is not None:
             span = levels.span_faces
-            args = on.cell(viscosity), on.cell(mass), volume, span
+            args = on_faces(on, phase, on.cell(viscosity)), on.cell(mass), volume, span
             found = on.values(implicit_correction(on, *args)) * cells.face_area
             assert_close(found[inner], phase.implicit_correction[inner])
     if phases[1].dispersion_force is not None:
         alpha = on.cell(step.state.alpha)
-        force = dispersion_force(on, on.cell(step.turbulence.dispersion), alpha)
+        carried = on.face(phases[0].face_fraction)
+        force = dispersion_force(on, on.cell(step.turbulence.dispersion), alpha, carried)
         found = on.values(force)
         assert_close(found, phases[1].dispersion_force)
         assert_close(-found, phases[0].dispersion_force)

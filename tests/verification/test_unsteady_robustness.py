@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,7 +12,12 @@ import pytest
 from boxes import box, flow
 from dolfinx.mesh import CellType
 
+from fem_tfm.bench import stress_unsteady
+from fem_tfm.errors import SolverError
 from fem_tfm.models.finite_volume import Inflow, StepFailed, UnsteadyFlow
+from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
+from fem_tfm.models.finite_volume.momentum import Momentum
+from fem_tfm.models.finite_volume.time_levels import Step, implicit_euler
 
 MESH = ((0.01, 0.01, 0.1), (4, 4, 20))
 CONVEYING: dict[str, Any] = {
@@ -178,3 +185,88 @@ def test_a_restored_state_goes_on_bit_for_bit(order: int) -> None:
     assert other.time == found.time
     for name, values in found.state().items():
         assert np.array_equal(values, other.state()[name]), name
+
+
+def fastest(found: UnsteadyFlow) -> float:
+    """Largest velocity of either phase in a cell [m/s]."""
+    return max(float(np.linalg.norm(u, axis=1).max()) for u in (found.now.u_s, found.now.u_g))
+
+
+def test_a_void_bears_no_stress_of_the_bed_beside_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    # coarse grains, which the gas hardly holds, with a viscous bed beside their void
+    case = stress_unsteady.scene(20)
+    found = stress_unsteady.solve(case)
+    assert found.ended and found.solids < 2 and found.cuts == 0
+    monkeypatch.setattr(Cells, "in_series", Cells.to_faces)
+    monkeypatch.setattr(stress_unsteady, "MOST_STEPS", 30)
+    assert stress_unsteady.solve(case).cuts > 5
+
+
+def test_an_algebraic_granular_temperature_makes_no_motion() -> None:
+    found = stress_unsteady.solve(stress_unsteady.scene(10))
+    assert found.ended and max(found.gas, found.solids) < 2
+
+
+def test_eddies_disperse_no_more_than_the_surface_of_a_bed_carries(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    laws = {"turbulence": "k-epsilon", "dispersed": "simonin", "dispersion": "simonin"}
+    changes: dict[str, Any] = {f"closures.{family}": name for family, name in laws.items()}
+    changes["solids"] = {"density": 2800.0, "diameter": 6e-5, "restitution": 0.7}
+
+    def first_step() -> float:
+        found = conveying(0, changes)
+        found.initialise(np.where(found.cells.centre[:, 1] < 0, 0.4, 0.0))
+        found.advance(0.01, Inflow(0.1))
+        return fastest(found)
+
+    kept = Momentum._dispersion_force
+    assert first_step() < 0.3
+
+    def of_all(self: Momentum, alpha: Array, coefficient: Array, carried: Array) -> Array:
+        return kept(self, alpha, coefficient, self.line.cells.to_faces(alpha))
+
+    monkeypatch.setattr(Momentum, "_dispersion_force", of_all)
+    with pytest.raises(StepFailed, match="would reach"):
+        first_step()
+
+
+@pytest.mark.parametrize("values", [(1.0, 1.0), (1.0, 3.0), (1.0, 1e12), (0.0, 0.0), (0.0, 1.0)])
+def test_what_conducts_in_series_is_no_better_than_its_worse_half(
+    values: tuple[float, float],
+) -> None:
+    found = conveying(0).cells
+    given = np.where(found.centre[:, 2] < 0.05, *values)
+    faces = found.in_series(given)[: found.inner_count]
+    pair = given[found.first[: found.inner_count]], given[found.second]
+    across = pair[0] != pair[1]
+    small, large = values
+    # equal halves of the way: the harmonic mean
+    wanted = 2 * small * large / max(small + large, 1e-300)
+    assert faces[across] == pytest.approx(wanted)
+    assert faces[~across] == pytest.approx(pair[0][~across])
+
+
+def test_velocities_that_nothing_can_make_end_a_step() -> None:
+    found = conveying(0)
+    found.advance(1e-4, FEED)
+    before, limit = found.now, found.speed_limit
+    feed = Inflow(6.43, 0.245, 6.09)
+    step = Step(implicit_euler(found.line, before, 1e-4), 1e-4, feed, before, before.alpha)
+    limit.check(before, step, None)
+    work = np.ptp(before.p) / found.gas.density
+    most = 2 * (6.43**2 / 0.755**2 + 2 * work) ** 0.5
+    for speed, allowed in ((0.9 * most, True), (1.1 * most, False)):
+        u_g = before.u_g.copy()
+        u_g[3] = [speed, 0.0, 0.0]
+        given = replace(step, state=replace(before, u_g=u_g))
+        with nullcontext() if allowed else pytest.raises(SolverError, match="the gas would reach"):
+            limit.check(before, given, None)
+
+
+def test_a_step_that_ends_above_a_courant_number_changes_nothing(order: int) -> None:
+    found = conveying(order)
+    before = found.now
+    with pytest.raises(StepFailed, match="Courant number of"):
+        found.advance(4e-3, FEED, largest_courant=1.0)
+    assert found.now is before and found.time == 0

@@ -44,6 +44,7 @@ from fem_tfm.models.finite_volume.time_levels import (
     TimeLevels,
 )
 from fem_tfm.models.finite_volume.told.pressure_level import PressureLevel
+from fem_tfm.models.finite_volume.told.speeds import SpeedLimit
 from fem_tfm.models.finite_volume.told.split import DropSplit
 from fem_tfm.models.finite_volume.turbulence import Turbulence
 from fem_tfm.models.pointwise import Invariants
@@ -66,6 +67,7 @@ class UnsteadyFlow:
     turbulence : its equations, None where the gas has an algebraic law alone
     ideal_gas : the gas where its density follows the pressure, else None
     level, split : pressure with the weight of the gas, and the parts of its drop
+    speed_limit : largest velocities that a step may end with
     now, previous : present state, and what a step of second order needs of the one before it
     """
 
@@ -101,6 +103,7 @@ class UnsteadyFlow:
         self.pressure = PressureProjection(line, laws, problem.compressible)
         self.level = PressureLevel(line, problem.gravity, hydrostatic_density)
         self.split = DropSplit(line, problem.gravity)
+        self.speed_limit = SpeedLimit(line, laws, problem.gravity)
         self._wall_friction: dict[str, Array] = {}
 
     def initialise(self, alpha: Any = 0.0, theta: float | None = None, p: Any = 0.0) -> None:
@@ -160,8 +163,10 @@ class UnsteadyFlow:
 
     # -- the step ------------------------------------------------------------------------------
 
-    def advance(self, dt: float, inflow: Inflow) -> Report:
+    def advance(self, dt: float, inflow: Inflow, largest_courant: float = math.inf) -> Report:
         """One step of `dt` [s] (collective).
+
+        largest_courant : Courant number of the velocities after the step above which it fails
 
         Raises
         ------
@@ -177,6 +182,7 @@ class UnsteadyFlow:
                 solids, gas = self._solids_balance(step), self._gas_balance(step)
                 masses = self._masses_after(dt, solids, gas)
                 report = self._report(step, masses)
+                self._check(step, report.courant, largest_courant)
                 previous = self._previous_step(step, solids, gas)
             except FAILURES as error:
                 failure = error
@@ -378,6 +384,15 @@ class UnsteadyFlow:
             max(self._mass_errors(state, masses).values()),
             cells.largest(state.scales["k"][own]) if "k" in state.scales else 0.0,
         )
+
+    def _check(self, step: Step, courant: float, largest_courant: float) -> None:
+        """Refuse velocities that nothing can make, or that are too fast for the step."""
+        density = None if self.ideal_gas is None else self.ideal_gas.relative(step.state.p)
+        self.speed_limit.check(self.now, step, density)
+        if courant > largest_courant:
+            raise SolverError(
+                f"the step ends at a Courant number of {courant:.3g}, above {largest_courant:.3g}"
+            )
 
     def courant(self) -> tuple[float, float]:
         """Largest Courant number of solids and gas over the step [1/s]."""

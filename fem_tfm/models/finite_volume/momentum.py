@@ -25,7 +25,7 @@ from fem_tfm.models.finite_volume.body_force import BodyForceBalance
 from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
-from fem_tfm.models.finite_volume.cells.mesh import Array, Cells, Index
+from fem_tfm.models.finite_volume.cells.mesh import SMALLEST, Array, Cells, Index
 from fem_tfm.models.finite_volume.scheme import FirstOrder
 from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
@@ -156,17 +156,24 @@ class Momentum:
         gas = self._gas(step, 1 - solids.face_fraction)
         if step.turbulence is None or step.turbulence.dispersion is None:
             return [solids, gas]
-        force = self._dispersion_force(step.state.alpha, step.turbulence.dispersion)
+        force = self._dispersion_force(
+            step.state.alpha, step.turbulence.dispersion, solids.face_fraction
+        )
         return [replace(solids, dispersion_force=-force), replace(gas, dispersion_force=force)]
 
-    def _dispersion_force(self, alpha: Array, coefficient: Array) -> Array:
-        """Force on the gas by which eddies disperse solids, along the normals of faces [N/m3]."""
+    def _dispersion_force(self, alpha: Array, coefficient: Array, carried: Array) -> Array:
+        """Force on the gas by which eddies disperse solids, along the normals of faces [N/m3].
+
+        It acts on the solids that a face carries: on the surface of a bed these are few.
+
+        carried (faces) : their fraction [-]
+        """
         cells, inner = self.line.cells, self.line.inner
         force = np.zeros(cells.face_count)
         rise = alpha[cells.second] - alpha[cells.first[inner]]
         coefficient = cells.to_faces(coefficient)[inner]
         force[inner] = coefficient * rise * self.line.inverse_distance[inner]
-        return force
+        return force * np.minimum(carried / np.maximum(cells.to_faces(alpha), SMALLEST), 1.0)
 
     def _solids(self, step: Step) -> Phase:
         """Coefficients of the solids."""
@@ -177,6 +184,7 @@ class Momentum:
         viscosity, bulk = found.viscosity, found.kinetic.bulk_viscosity
         if step.turbulence is not None:
             viscosity = viscosity + alpha * laws.solids.density * step.turbulence.nu_s
+        bulk_on_faces = self.line.cells.in_series(bulk)
         support = self._body_force.support(state.alpha, solids.pressure)
         # the part of the smallest fraction that a void lacks moves with the gas
         absent = np.clip(1 - start.alpha / SMALLEST_FRACTION, 0.0, 1.0)[:, None]
@@ -191,12 +199,14 @@ class Momentum:
             flux=solids.flux,
             viscosity=viscosity,
             bulk_viscosity=bulk,
+            face_viscosity=self.line.cells.in_series(viscosity),
+            face_bulk_viscosity=bulk_on_faces,
             gradient=step.deformation.gradient,
             wall_friction=self._wall_friction_of_solids(step, found, viscosity),
             pressure=solids.pressure,
             face_fraction=support.fraction,
             support=support,
-            implicit_correction=self._implicit_correction(bulk, mass, levels),
+            implicit_correction=self._implicit_correction(bulk_on_faces, mass, levels),
         )
 
     def _wall_friction_of_solids(
@@ -232,6 +242,7 @@ class Momentum:
         correction = None
         if not laws.closures.turbulence.transported and (viscosity > laws.gas.viscosity).any():
             eddy = np.maximum(viscosity - void * laws.gas.viscosity, 0.0)
+            eddy = line.cells.to_faces(eddy)
             correction = self._implicit_correction(eddy, void * laws.gas.density, levels)
         pressure = None
         if step.turbulence is not None and step.turbulence.normal_stress is not None:
@@ -246,6 +257,8 @@ class Momentum:
             flux=flux,
             viscosity=viscosity,
             bulk_viscosity=np.zeros_like(viscosity),
+            face_viscosity=line.cells.to_faces(viscosity),
+            face_bulk_viscosity=np.zeros(line.cells.face_count),
             gradient=gradient,
             wall_friction=self._wall_friction_of_gas(step, laws, viscosity),
             pressure=pressure,
@@ -302,11 +315,11 @@ class Momentum:
         viscosity above the viscosity with the few grains beside a bed. Diffusion by this stiffness
         is added to the matrix, and subtracted explicitly with the present velocity.
 
-        viscosity : of that stress [Pa s]
+        viscosity (faces) : of that stress [Pa s]
         mass : of the phase over the volume [kg/m3]
         """
         cells, inner = self.line.cells, self.line.inner
-        stiffness = cells.to_faces(viscosity) * cells.face_weight
+        stiffness = viscosity * cells.face_weight
         stiffness[cells.inner_count :] = 0.0
         mass = mass * cells.volume
         inertia = np.zeros(cells.face_count)
@@ -445,7 +458,7 @@ class Momentum:
         inertia = inertia * line.volume / levels.span
         flux = density.upwind * phase.flux
         ahead, back = np.maximum(flux, 0.0), np.maximum(-flux, 0.0)
-        spread = cells.to_faces(phase.viscosity) * cells.face_weight
+        spread = phase.face_viscosity * cells.face_weight
         spread[cells.inner_count :] = 0.0
         if phase.implicit_correction is not None:
             spread += phase.implicit_correction
@@ -487,8 +500,8 @@ class Momentum:
         cells, inner, sides = self.line.cells, self.line.inner, self.line.impermeable
         # one array for each component, which is several times as fast as one of tensors
         rate = [cells.to_faces(part)[inner] for part in gradient.reshape(-1, 9).T]
-        mu = cells.to_faces(phase.viscosity)[inner]
-        bulk = cells.to_faces(phase.bulk_viscosity)[inner] - 2 / 3 * mu
+        mu = phase.face_viscosity[inner]
+        bulk = phase.face_bulk_viscosity[inner] - 2 / 3 * mu
         trace = bulk * (rate[0] + rate[4] + rate[8])
         force = np.zeros((cells.face_count, 3))
         for i in range(3):

@@ -283,6 +283,8 @@ class Phase:
     On faces:
     flux : volume flux of the phase [m3/s]
     wall_friction : tangential force over velocity on the wall's faces [kg/s]
+    face_viscosity, face_bulk_viscosity : on faces [Pa s]; those of the solids of both halves of the
+        way in series, so that a void holds no stress of a bed
     face_fraction : fraction on which the forces act [-]
     support : how faces carry the weight of the solids, None for the gas
     dispersion_force : along the normals [N/m3], None without
@@ -299,6 +301,8 @@ class Phase:
     flux: Array
     viscosity: Array
     bulk_viscosity: Array
+    face_viscosity: Array
+    face_bulk_viscosity: Array
     gradient: Array
     wall_friction: Array
     pressure: Array | None

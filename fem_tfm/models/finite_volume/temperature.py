@@ -15,7 +15,7 @@ from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
 from fem_tfm.models.finite_volume.problem import UnsteadyProblem
-from fem_tfm.models.finite_volume.state import LONELY_FRACTION, SMALLEST_FRACTION
+from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION
 from fem_tfm.models.finite_volume.time_levels import Step
 from fem_tfm.models.pointwise import Pointwise, SolidsCoefficients, tangential
 from fem_tfm.models.solids_wall import at_wall
@@ -40,6 +40,9 @@ class GranularTemperature:
     ) -> None:
         self.line, self.laws, self.transport = line, laws, transport
         self._intensity = problem.solids_intensity
+        # mean free path d/(6 sqrt(2) a) above D
+        self._lonely = laws.grain.diameter / (6 * 2**0.5 * problem.diameter)
+        self._fast = problem.gas_velocity**2 + np.linalg.norm(problem.gravity) * problem.diameter
 
     def solve(self, step: Step) -> tuple[Array, int]:
         """Granular temperature in all cells [m2/s2], and the iterations (collective).
@@ -54,8 +57,11 @@ class GranularTemperature:
         alpha, dilation = np.maximum(solids.alpha, 0.0), self._dilation(step)
         coefficients = laws.coefficients(alpha, theta, shear, dilation)
         if laws.closures.theta == "algebraic":
-            found = laws.algebraic_theta(alpha, coefficients.g0, shear, step.drag)
-            return self._bounded(found, alpha), 0
+            expansion = np.maximum(dilation, 0.0)
+            found = laws.algebraic_theta(alpha, coefficients.g0, shear, step.drag, expansion)
+            # no step makes more of it than the motion within a cell can give
+            gained = shear * line.cells.volume ** (2 / 3)
+            return self._bounded(np.minimum(found, step.levels.now.theta + gained), alpha), 0
         start, density = step.levels.start, laws.solids.density
         inertia = 1.5 * density * np.maximum(start.alpha[own], SMALLEST_FRACTION)
         inertia = inertia * line.volume / step.levels.span
@@ -122,7 +128,7 @@ class GranularTemperature:
         cells.add_boundary("wall", diagonal, np.maximum(-heat, 0.0) / state.theta[edge])
 
     def _bounded(self, theta: Array, alpha: Array) -> Array:
-        """Theta above its floor; single grains in a void are not faster than the gas."""
-        single = alpha < LONELY_FRACTION
-        theta[single] = np.minimum(theta[single], self.line.velocity_scale**2)
+        """Theta above its floor, and below U^2 + g D of grains that meet the wall, and no other."""
+        single = alpha < self._lonely
+        theta[single] = np.minimum(theta[single], self._fast)
         return np.maximum(theta, self.laws.regularisation.theta_floor)

@@ -27,6 +27,9 @@ from petsc4py import PETSc
 from fem_tfm.fenics import compile_form
 from fem_tfm.geometry.mesh import Mesh
 
+# keeps quotients of conductivities finite
+SMALLEST = 1e-300
+
 type Array = npt.NDArray[np.float64]
 type Index = npt.NDArray[np.integer]
 
@@ -227,6 +230,19 @@ class Cells:
     def to_faces(self, values: Array) -> Array:
         """Values interpolated to the faces; that of the cell on the boundary."""
         return self._mean @ values
+
+    def in_series(self, values: Array) -> Array:
+        """Conductivities >= 0 of both halves of the way across faces, one behind the other.
+
+            1/k = (1 - w)/k_first + w/k_second,   w the weight of the first cell by `to_faces`
+
+        What one side does not conduct the other cannot pass on: a void holds no stress of a bed.
+        """
+        first, second = values.take(self.first), values.take(self.second)
+        n = self.inner_count
+        share, here = self.interpolation_weight, first[:n]
+        first[:n] *= second / np.maximum((1 - share) * second + share * here, SMALLEST)
+        return first
 
     def flux(self, vectors: Array) -> Array:
         """Flux through the faces of vectors (count, 3), interpolated as by `to_faces`."""

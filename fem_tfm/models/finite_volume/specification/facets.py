@@ -9,6 +9,7 @@ centres of the cells and x the middle of a face
 
     d = c(-) - c(+) inside, x - c on the boundary,      |S|^2/(S.d) = int 1/(n.d) dS
     mean(q) = s q(+) + (1 - s) q(-),    s = n.(c(-) - x)/(n.d)
+    in_series(k) = 1/[(1 - s)/k(+) + s/k(-)]
 
 A flux F leaves the first cell and enters the second: the sum over the faces of each cell is
 
@@ -30,7 +31,7 @@ from dolfinx import default_scalar_type, fem, la
 from dolfinx import mesh as dmesh
 
 from fem_tfm.fenics import compile_form
-from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
+from fem_tfm.models.finite_volume.cells.mesh import SMALLEST, Array, Cells
 
 PARTS = ("inlet", "outlet", "wall", "symmetry")
 IMPERMEABLE = ("wall", "symmetry")
@@ -230,6 +231,11 @@ class FacetForms:
     def mean(self, q: Any) -> Face:
         """Values of cells interpolated to faces; that of the cell on the boundary."""
         return Face(self._share * q("+") + (1 - self._share) * q("-"), q)
+
+    def in_series(self, q: Any) -> Face:
+        """Conductivities of both halves of the way across faces, one behind the other."""
+        resistance = (1 - self._share) * q("-") + self._share * q("+")
+        return Face(q("+") * q("-") / ufl.max_value(resistance, SMALLEST), q)
 
     def rise(self, q: Any, outside: Any = None) -> Face:
         """Difference across faces; on the boundary none, or that to a value outside."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import ufl
 
+from fem_tfm.models.finite_volume.cells.mesh import SMALLEST
 from fem_tfm.models.finite_volume.specification.data import entering_flow, present
 from fem_tfm.models.finite_volume.specification.facets import IMPERMEABLE, Face, FacetForms
 from fem_tfm.models.finite_volume.specification.transport import transported
@@ -25,7 +26,7 @@ def momentum(
 
     """
     density, n = phase.density, on.normal.edge
-    spread = on.mean(phase.viscosity) * on.weight + phase.implicit_correction
+    spread = on_faces(on, phase, phase.viscosity) * on.weight + phase.implicit_correction
     inertia = density.start * present(phase.fraction_start) / span
     found = inertia * ufl.inner(u, w) * on.dx
     flux, free = density.upwind * phase.flux, on.constant(1.0)
@@ -37,6 +38,11 @@ def momentum(
     across = ufl.dot(u, n) * ufl.dot(w, n)
     found += ufl.max_value(pull - friction, 0) * across * on.ds("wall")
     return found + ufl.max_value(pull, 0) * across * on.ds("symmetry")
+
+
+def on_faces(on: FacetForms, phase: SimpleNamespace, viscosity: Any) -> Face:
+    """A viscosity of a phase on faces: of the solids both halves in series, of the gas the mean."""
+    return on.in_series(viscosity) if phase.name == "solids" else on.mean(viscosity)
 
 
 def drag(on: FacetForms, u: Any, other: Any, w: Any, beta: Any) -> ufl.Form:
@@ -94,8 +100,8 @@ def viscous_force(
     on inner faces, by the gradient (i, j) -> du_i/dx_j; on sides what spreads along them.
     """
     n, rate = on.normal, on.mean(gradient)
-    mu = on.mean(phase.viscosity)
-    bulk = on.mean(phase.bulk_viscosity) - 2 / 3 * mu
+    mu = on_faces(on, phase, phase.viscosity)
+    bulk = on_faces(on, phase, phase.bulk_viscosity) - 2 / 3 * mu
     stress = mu * Face.of(lambda g, n: ufl.dot(n, g), rate, n)
     stress = stress + mu * Face.of(ufl.dot, rate, n - on.delta * on.weight)
     stress = stress + bulk * Face.of(ufl.tr, rate) * n
@@ -106,19 +112,29 @@ def viscous_force(
     return found + lateral * ufl.dot(n.edge, w) * on.ds(*IMPERMEABLE)
 
 
-def implicit_correction(on: FacetForms, viscosity: Any, mass: Any, volume: Any, span: Face) -> Face:
+def implicit_correction(
+    on: FacetForms, viscosity: Face, mass: Any, volume: Any, span: Face
+) -> Face:
     """What the operator of the momentum holds of a stress that lags a step behind [kg/m2/s].
 
-        D^2/(D + min(m V)/dt),   D = mean(viscosity) |S|^2/(S.d)
+        D^2/(D + min(m V)/dt),   D = viscosity |S|^2/(S.d)
 
-    viscosity : of that stress [Pa s]; mass : of the phase [kg/m3]
+    viscosity : of that stress, on faces [Pa s]; mass : of the phase [kg/m3]
     """
-    lagging = (on.mean(viscosity) * on.weight * on.face_area).inner
+    lagging = (viscosity * on.weight * on.face_area).inner
     held = mass * volume
     inertia = ufl.min_value(held("+"), held("-")) / span.inner
     return Face(lagging**2 / (lagging + inertia) / on.face_area.inner, 0)
 
 
-def dispersion_force(on: FacetForms, dispersion: Any, alpha: Any) -> Face:
-    """Force on the gas by which eddies spread the solids, mean(c) rise(alpha_s)/(n.d) [N/m3]."""
-    return on.mean(dispersion) * on.rise(alpha) * on.weight
+def dispersion_force(on: FacetForms, dispersion: Any, alpha: Any, carried: Face) -> Face:
+    """Force on the gas by which eddies spread the solids that a face carries [N/m3].
+
+    mean(c) rise(alpha_s)/(n.d) min(carried/mean(alpha_s), 1)
+    """
+    share = Face.of(
+        lambda part, mean: ufl.min_value(part / ufl.max_value(mean, SMALLEST), 1),
+        carried,
+        on.mean(alpha),
+    )
+    return on.mean(dispersion) * on.rise(alpha) * on.weight * share
