@@ -2,7 +2,8 @@
 """Grains as discrete elements: what they are, where they are held, and their steps.
 
 Coordinates are those of the geometry: z along the tube at the inlet, y up, the section around the
-origin. The steps run in the compiled kernel; the same input gives the same bits for any number of threads.
+origin. The steps run in the compiled kernel; the same input gives the same bits for any number of
+threads.
 """
 
 from __future__ import annotations
@@ -221,9 +222,9 @@ class Grains:
     def impacts(self) -> Array:
         """Impacts since the last call, rows (n, 8).
 
-        A grain makes one where it comes to touch the wall: place of the contact (3) [m], speed and
-        speed along the normal [m/s], mass [kg] and radius [m] of the grain, and its number. One that
-        slides or rolls on the wall makes none.
+        A grain makes one when it comes to touch the wall: place of the contact (3) [m], speed and
+        speed along the normal [m/s], mass [kg] and radius [m] of the grain, and its number. A grain
+        that slides or rolls on the wall makes none.
         """
         return np.asarray(self._core.impacts())
 

@@ -25,6 +25,8 @@ from fem_tfm.models.slug.grains import Grains
 Array = npt.NDArray[np.float64]
 # Gauss points of all integrals, in UFL and in tables: exact for three basis functions of a brick
 DEGREE = 3
+# volume of the least node over that of a grain
+LEAST_VOLUME = 0.3
 # digits to which nodes of one plane agree
 ROUNDING = 9
 
@@ -134,7 +136,7 @@ class TubeMesh:
         assert (self.cells - steps == self.cells[:, :1]).all()
 
     def _tabulate(self) -> None:
-        """Basis functions and gradients at the points of the quadrature in the slices that differ."""
+        """Basis functions and gradients at the points of the quadrature, in slices that differ."""
         points, weights = basix.make_quadrature(basix.CellType.hexahedron, DEGREE)
         element = basix.ufl.element("Lagrange", "hexahedron", 1)
         table = np.asarray(element.tabulate(1, points))
@@ -169,6 +171,10 @@ class TubeMesh:
     def nodal(self, dofs: Array) -> Array:
         """Nodal values of an array of DOLFINx."""
         return dofs[self.order]
+
+    def least(self, diameter: float) -> float:
+        """Volume of the least node over that of a grain of a diameter [m]."""
+        return float(self.volumes.min() / (np.pi / 6 * diameter**3))
 
     # -- points of the quadrature ------------------------------------------------------------------
 

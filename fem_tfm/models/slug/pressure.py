@@ -16,7 +16,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from scipy.linalg import lapack
 
-from fem_tfm.errors import InputError, SolverError
+from fem_tfm.errors import SolverError
 from fem_tfm.fenics import compile_forms
 from fem_tfm.models.slug.forms import GasForms
 from fem_tfm.models.slug.gas import TubeGas, resistance
@@ -24,8 +24,6 @@ from fem_tfm.models.slug.grains import Grains
 from fem_tfm.models.slug.mesh import TubeMesh, by_cell
 
 Array = npt.NDArray[np.float64]
-# volume of the least node over that of a grain
-LEAST_VOLUME = 0.3
 
 
 class Band:
@@ -84,13 +82,6 @@ class GasPressure:
         forms = GasForms(self.tube, self.gas, self.diameter, nothing, nothing, nothing)
         (form,) = compile_forms([forms.inlet()])
         return self.tube.nodal(fem.assemble_vector(form).array)
-
-    def check(self) -> None:
-        """Raise InputError for cells that are hardly larger than a grain."""
-        least = float(self.tube.volumes.min() / (np.pi / 6 * self.diameter**3))
-        if least < LEAST_VOLUME:
-            words = f"fewer, or a node would have a volume below {LEAST_VOLUME} grains"
-            raise InputError("numerics.cells_across", f"{least:.2g} grains a node", words)
 
     # -- the grains --------------------------------------------------------------------------------
 
