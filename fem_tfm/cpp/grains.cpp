@@ -402,6 +402,8 @@ void Grains::resize(int n, int room, int spill_room) {
 void Grains::keep_pairs(int count, const std::int64_t* pairs, const double* shear) {
     const int most = block_count(s.capacity) * s.room;
     if (count > most) reserve_pairs(s, count / block_count(s.capacity) + 1);
+    s.fresh = 0, s.kept_count = 0;
+    if (count == 0) return;
     std::vector<std::pair<std::int64_t, int>> known(s.n);
     for (int i = 0; i < s.n; ++i) known[i] = {s.id[i], i};
     std::sort(known.begin(), known.end());
@@ -409,7 +411,6 @@ void Grains::keep_pairs(int count, const std::int64_t* pairs, const double* shea
         const auto at = std::lower_bound(known.begin(), known.end(), std::make_pair(id, -1));
         return at != known.end() && at->first == id ? at->second : -1;
     };
-    s.fresh = 0, s.kept_count = 0;
     for (int k = 0; k < count; ++k) {
         const int i = find(pairs[2 * k]), j = find(pairs[2 * k + 1]);
         if (i < 0 || j < 0) continue;

@@ -247,7 +247,7 @@ class Grains:
         v = np.ascontiguousarray(np.broadcast_to(np.asarray(velocity, dtype=float), x.shape))
         given = self.grain.diameter / 2 if radius is None else radius
         r = np.ascontiguousarray(np.broadcast_to(np.asarray(given, dtype=float), n))
-        _check_overlap(x, r)
+        check_overlap(x, r)
         number = np.arange(self._next, self._next + n)
         held_all = np.full(n, held, dtype=np.uint8)
         self._core.add(x, v, r, self.grain.masses(r), held_all, number)
@@ -349,6 +349,18 @@ class Grains:
         if spin is not None:
             self._core.motion[:, 4:7] = np.asarray(spin) * self._core.place[:, 3:]
 
+    def inside(self) -> int:
+        """Grains inside; of all processes, where several share them."""
+        return self.count
+
+    def everything(self) -> Any:
+        """The grains, of all processes where several share them."""
+        return self
+
+    def total(self, *values: Array) -> tuple[Array, ...]:
+        """Sums of arrays over the processes that share the grains."""
+        return values
+
     def kinetic_energy(self) -> float:
         """Of motion and spin [J]."""
         motion = self._core.motion
@@ -365,10 +377,15 @@ class Grains:
         """Put back what `state` gave; the steps that follow have the same bits."""
         given = {name: np.ascontiguousarray(value) for name, value in state.items()}
         self._next = int(given.pop("next")[0])
-        self._core.load(given)
+        # several processes leave rows without a list of neighbours
+        if "origin" in given:
+            self._core.load(given)
+        else:
+            self._core.set_rows(given)
 
 
-def _check_overlap(x: Array, r: Array) -> None:
+def check_overlap(x: Array, r: Array) -> None:
+    """Raise InputError for spheres that overlap by more than a tenth of a radius."""
     from scipy.spatial import cKDTree
 
     if len(x) < 2:

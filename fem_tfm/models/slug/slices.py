@@ -88,17 +88,20 @@ class Sampler:
     """Takes samples of a tube: `tube.run(31.0, sampler)`.
 
     slice_length : of the slices [m], made to fit the tube
+
+    fastest : speed of the fastest grain in the last sample [m/s]
     """
 
     def __init__(self, tube: SlugTube, slice_length: float = SLICE) -> None:
         length = tube.shape.length
         number = max(round(length / slice_length), 1)
         volume = tube.grains.grain.mean_mass / tube.grains.grain.density
+        self.fastest = 0.0
         self.samples = Samples(np.linspace(0.0, length, number + 1), tube.section.area, volume)
 
     def __call__(self, tube: SlugTube) -> None:
         """Take one sample."""
-        s, grains = self.samples, tube.grains
+        s, grains = self.samples, tube.grains.everything()
         along, radius = grains.straight[:, 2], grains.radius
         velocity = tube.in_line(grains.place, grains.velocity)
         number, volume = shares(along, radius, s.edges)
@@ -123,3 +126,4 @@ class Sampler:
         s.pressure.append(tube.gas.along())
         s.drop.append(tube.gas.drop)
         s.count.append(grains.count)
+        self.fastest = float(np.linalg.norm(velocity, axis=1).max(initial=0.0))

@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 from fem_tfm.errors import InputError
 from fem_tfm.geometry.section import Section
@@ -19,6 +20,7 @@ from fem_tfm.models.slug.gas import TubeGas
 from fem_tfm.models.slug.grains import STEPS_PER_CONTACT, Grain, Grains, Walls
 from fem_tfm.models.slug.mesh import LEAST_VOLUME, TubeMesh, tube_mesh
 from fem_tfm.models.slug.pressure import GasPressure
+from fem_tfm.models.slug.ranks import SharedGrains
 from fem_tfm.parameters import Parameters, parameter
 
 # a time step that is not given is this share of the longest one
@@ -86,6 +88,8 @@ class SlugTube:
     fed, out, start : grains fed so far, out at the end, inside at the beginning; always
         start + fed = inside + out
 
+    comm : processes that share the grains; each of them solves for the whole gas
+
     A bend is a round tube with an arc in its axis: places "along" are then along the axis.
 
     Raises InputError where grains do not fit into the tube, the bend or the feed, and for a time
@@ -102,6 +106,7 @@ class SlugTube:
         *,
         full: bool = False,
         seed: int = 0,
+        comm: MPI.Comm = MPI.COMM_SELF,
     ) -> None:
         self.shape, self.conveying = shape, conveying
         self.steps = steps or Steps()
@@ -120,15 +125,19 @@ class SlugTube:
         )
         self.feeder = Feeder(feed, seed)
         self.inner_steps = self.steps.grain_steps(grain)
-        self.grains = Grains(
-            grain,
-            walls,
-            self.steps.gas_step / self.inner_steps,
-            shape.gravity_vector(conveying.gravity),
-            skin=self.steps.skin,
-            release=feed.release,
-            threads=self.steps.threads,
-        )
+        given: dict[str, Any] = {
+            "skin": self.steps.skin,
+            "release": feed.release,
+            "threads": self.steps.threads,
+        }
+        moved = (grain, walls, self.steps.gas_step / self.inner_steps)
+        gravity = shape.gravity_vector(conveying.gravity)
+        if comm.size > 1:
+            self.grains: Grains = SharedGrains(
+                *moved, gravity, comm=comm, length=shape.length, **given
+            )
+        else:
+            self.grains = Grains(*moved, gravity, **given)
         mesh = _gas_mesh(shape, self.steps, grain.diameter)
         self.gas = GasPressure(mesh, gas, grain.diameter)
         self.number, self.out, self.start = 0, 0, 0
@@ -185,9 +194,13 @@ class SlugTube:
         self.grains.record()
         self.number += 1
         self.out += self.grains.remove_beyond(self.shape.length)
-        self.gas.take(self.grains)
+        self._give()
         self.gas.step(self.steps.gas_step, self.inflow)
         self.gas.push(self.grains)
+
+    def _give(self) -> None:
+        """Give the gas porosity and velocity of all grains."""
+        self.gas.set_grains(*self.grains.total(*self.gas.tube.spread(self.grains)))
 
     def run(
         self,
@@ -227,7 +240,7 @@ class SlugTube:
             own = {k.partition(".")[2]: v for k, v in state.items() if k.startswith(f"{name}.")}
             part.restore(own)
         self.number, self.out, self.start = (int(n) for n in state["tube.numbers"])
-        self.gas.take(self.grains)
+        self._give()
 
 
 def _check_bend(bend: Bend, diameter: float) -> None:

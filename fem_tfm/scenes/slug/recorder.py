@@ -48,7 +48,7 @@ class Section:
 class TubeRecorder(Recorder):
     """What a run of a tube tells and keeps.
 
-    Every rank follows the same tube, with the same bits; the first one tells.
+    Ranks share the grains; samples of all of them are on every rank, and the first one tells.
     """
 
     def __init__(self, scene: Any, setting: Setting) -> None:
@@ -116,7 +116,7 @@ class TubeRecorder(Recorder):
 
     def _frame(self) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
         """Grains as the film shows them: from the side, a bend to the side from above."""
-        grains = self.tube.grains
+        grains = self.tube.grains.everything()
         at = grains.place[:, self.scene.view]
         velocity = self.tube.in_line(grains.place, grains.velocity)[:, 2]
         return self.tube.time, np.column_stack([at, grains.radius]), velocity
@@ -141,17 +141,18 @@ class TubeRecorder(Recorder):
     def _tell(self) -> None:
         """A row of the monitor and the early-warning line."""
         tube, samples = self.tube, self.samples
-        speeds = np.linalg.norm(tube.grains.velocity, axis=1)
+        # those of the last sample, in which a process hears of all grains
+        inside, fastest = tube.grains.inside(), self._sampler.fastest
         self._row = {
             "step": tube.number,
             "time": tube.time,
-            "grains": tube.grains.count,
+            "grains": inside,
             "fed": tube.fed,
             "out": tube.out,
             "pressure_drop": tube.gas.drop,
             "max_solids_fraction": float(samples.solids[-1].max()),
-            "fastest": float(speeds.max(initial=0.0)),
-            "grain_error": tube.start + tube.fed - tube.grains.count - tube.out,
+            "fastest": fastest,
+            "grain_error": tube.start + tube.fed - inside - tube.out,
         }
         if self.monitor is not None:
             self.monitor.write(self._row)
@@ -170,8 +171,8 @@ class TubeRecorder(Recorder):
     def _keep(self) -> None:
         """A snapshot for ParaView and the checkpoint."""
         tube = self.tube
+        grains = tube.grains.everything()
         if self._series is not None:
-            grains = tube.grains
             place, radius, number = grains.place, grains.radius, grains.number
             self._series.add(tube.time, place, radius, grains.velocity, number)
         if self._writer is not None:

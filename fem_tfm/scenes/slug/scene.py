@@ -9,6 +9,7 @@ from dataclasses import MISSING, dataclass, fields
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+from mpi4py import MPI
 
 from fem_tfm import signals
 from fem_tfm.errors import InputError
@@ -160,8 +161,8 @@ class Slug(Scene[Physics, TubeRecorder]):
         size = self.averages.wall_size or min(section.size) / 6
         return WallSurface(section, self.geometry.length, size, self.geometry.arc)
 
-    def tube(self) -> SlugTube:
-        """The tube at its start."""
+    def tube(self, comm: MPI.Comm = MPI.COMM_SELF) -> SlugTube:
+        """The tube at its start, whose grains processes share."""
         return SlugTube(
             self.geometry,
             self.model.gas,
@@ -170,6 +171,7 @@ class Slug(Scene[Physics, TubeRecorder]):
             self.numerics,
             full=self.initial.state == "filled",
             seed=self.numerics.seed,
+            comm=comm,
         )
 
     # -- the scene -----------------------------------------------------------------------------
@@ -195,7 +197,7 @@ class Slug(Scene[Physics, TubeRecorder]):
         """
         if previous is not None:
             previous.close()
-        tube = self.tube()
+        tube = self.tube(recorder.comm)
         recorder.begin(tube)
         with signals.deferred() as request:
             while not recorder.done:
@@ -203,7 +205,7 @@ class Slug(Scene[Physics, TubeRecorder]):
                 recorder.step()
                 if request.on_any(recorder.comm):
                     raise KeyboardInterrupt
-        missing = tube.start + tube.fed - tube.grains.count - tube.out
+        missing = tube.start + tube.fed - tube.grains.inside() - tube.out
         found, errors = self.told(recorder)
         balances = {"grains": abs(missing) / max(tube.start + tube.fed, 1)}
         kept = recorder.samples.after(self.begin)
