@@ -15,6 +15,8 @@ from mpi4py import MPI
 import fem_tfm as ft
 from fem_tfm.case import Case
 from fem_tfm.errors import InputError
+from fem_tfm.output.slug import pictures
+from fem_tfm.scenes.slug import told
 from fem_tfm.scenes.slug.recorder import TubeRecorder
 
 
@@ -141,17 +143,25 @@ def test_ranks_share_a_run_and_go_on_with_it(tmp_path: Path) -> None:
     samples = found.sections["samples"]
     assert len(samples.time) == 20
     # all ranks tell the same
-    told = MPI.COMM_WORLD.allgather({n: q.value for n, q in found.quantities.items()})
-    assert all(one == told[0] for one in told) and found["impact_rate"] > 0
+    values = MPI.COMM_WORLD.allgather({n: q.value for n, q in found.quantities.items()})
+    assert all(one == values[0] for one in values) and found["impact_rate"] > 0
     inside = meshio.read(tmp_path / "run" / "grains_0001.vtu")
     assert len(set(inside.point_data["number"])) == len(inside.points) == samples.count[-1]
 
 
-def test_no_slug_is_told_in_words(tmp_path: Path) -> None:
+def test_no_slug_is_told_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
     changes = {"operation.solids_mass_flow": 2e-5, "numerics.end_time": 0.3, "averages.begin": 0.1}
-    found = case(**changes).scene.run(tmp_path)
+    scene = case(**changes).scene
+    found = scene.run()
     assert "slug_rate" not in found.quantities
     assert any("no slug was followed between 0.02 and 0.09 m in 0.2 s" in w for w in found.warnings)
+    drawn: list[Any] = []
+    monkeypatch.setattr(pictures, "save_figure", lambda figure, *more: drawn.append(figure))
+    samples = found.sections["samples"].after(0.1)
+    columns, average = told.along(samples), told.profile(samples, scene)
+    pictures.slugs_picture("no.png", columns, average, seconds=0.2)
+    words = [text.get_text() for axes in drawn[0].axes for text in axes.texts]
+    assert words == 4 * ["no slug in 0.2 s"] + 5 * ["no slug there in 0.2 s"]
 
 
 def test_a_law_is_told_once() -> None:
@@ -159,8 +169,8 @@ def test_a_law_is_told_once() -> None:
         "contact: viscous-coulomb",
         "permeability: carman-kozeny",
     ]
-    told = case(**{"walls.contact": {"model": "viscous-coulomb", "friction": 0.1}}).scene
-    assert "contact with the wall: viscous-coulomb" in told.describe()["closures"]
+    wall = case(**{"walls.contact": {"model": "viscous-coulomb", "friction": 0.1}}).scene
+    assert "contact with the wall: viscous-coulomb" in wall.describe()["closures"]
 
 
 def test_a_slug_tube_takes_no_cloud_of_particles() -> None:
@@ -179,8 +189,8 @@ def test_python_and_a_case_file_state_the_same_scene() -> None:
     )
     assert case().scene == made
     assert Case.from_dict(case().tables).scene == made
-    told = made.describe()
-    assert "pressure of the gas" not in told["solved"] and "514 a second" in told["given"]
+    words = made.describe()
+    assert "pressure of the gas" not in words["solved"] and "514 a second" in words["given"]
 
 
 @pytest.mark.parametrize(
