@@ -341,20 +341,23 @@ void Grains::add(int count, const double* x, const double* v, const double* radi
     stretch();
 }
 
-// What another process moves, that process takes out.
-static bool leaves(const State& s, int i, double z) {
-    return !(s.marks[i] & GHOST) && place_along(s, s.x + 4 * i) > z;
-}
-
 std::vector<std::int64_t> Grains::remove_beyond(double z) {
     std::vector<std::int64_t> gone;
-    for (int i = 0; i < s.n; ++i)
-        if (leaves(s, i, z)) gone.push_back(s.id[i]);
-    if (gone.empty()) return gone;
+    std::vector<std::uint8_t> leaves(s.n);
+    for (int i = 0; i < s.n; ++i) {
+        // what another process moves, that process takes out
+        leaves[i] = !(s.marks[i] & GHOST) && place_along(s, s.x + 4 * i) > z;
+        if (leaves[i]) gone.push_back(s.id[i]);
+    }
+    if (!gone.empty()) take_out(leaves.data());
+    return gone;
+}
+
+void Grains::take_out(const std::uint8_t* leaves) {
     refresh();
     int to = 0;
     for (int i = 0; i < s.n; ++i) {
-        const bool stays = !leaves(s, i, z);
+        const bool stays = !leaves[i];
         s.cell[i] = stays ? to : -1;
         if (!stays) continue;
         std::memmove(s.x + 4 * to, s.x + 4 * i, 32), std::memmove(s.v + 8 * to, s.v + 8 * i, 64);
@@ -379,7 +382,6 @@ std::vector<std::int64_t> Grains::remove_beyond(double z) {
         s.marks[i] = 0;
     }
     s.n = to;
-    return gone;
 }
 
 bool Grains::run(int steps) {
@@ -400,10 +402,10 @@ void Grains::resize(int n, int room, int spill_room) {
 }
 
 void Grains::keep_pairs(int count, const std::int64_t* pairs, const double* shear) {
-    const int most = block_count(s.capacity) * s.room;
-    if (count > most) reserve_pairs(s, count / block_count(s.capacity) + 1);
-    s.fresh = 0, s.kept_count = 0;
     if (count == 0) return;
+    refresh();
+    const int most = block_count(s.capacity) * s.room, all = s.kept_count + count;
+    if (all > most) reserve_pairs(s, all / block_count(s.capacity) + 1);
     std::vector<std::pair<std::int64_t, int>> known(s.n);
     for (int i = 0; i < s.n; ++i) known[i] = {s.id[i], i};
     std::sort(known.begin(), known.end());
@@ -417,6 +419,35 @@ void Grains::keep_pairs(int count, const std::int64_t* pairs, const double* shea
         s.kept[2 * s.kept_count] = i, s.kept[2 * s.kept_count + 1] = j;
         std::memcpy(s.kept_shear + 4 * s.kept_count++, shear + 4 * k, 32);
     }
+}
+
+void Grains::append(int count, const double* rows) {
+    refresh();
+    reserve(s.n + count);
+    for (int k = 0; k < count; ++k, rows += ROW) {
+        const int i = s.n++;
+        std::memcpy(s.x + 4 * i, rows, 32), std::memcpy(s.v + 8 * i, rows + 4, 64);
+        std::memcpy(s.force + 4 * i, rows + 12, 32);
+        for (int q = 0; q < SLOTS; ++q) std::memcpy(s.spring[q] + 4 * i, rows + 16 + 4 * q, 32);
+        std::fill_n(s.record + 8 * i, 8, 0.0);
+        s.id[i] = std::int64_t(rows[ROW - 2]), s.marks[i] = std::uint8_t(rows[ROW - 1]);
+        s.largest = std::max(s.largest, s.x[4 * i + 3]);
+        s.mono = s.mono && s.x[4 * i + 3] == s.x[3] && s.v[8 * i + 3] == s.v[3];
+    }
+    stretch();
+}
+
+std::vector<double> Grains::some(const std::vector<int>& which) const {
+    std::vector<double> found(ROW * which.size());
+    double* to = found.data();
+    for (const int i : which) {
+        std::memcpy(to, s.x + 4 * i, 32), std::memcpy(to + 4, s.v + 8 * i, 64);
+        std::memcpy(to + 12, s.force + 4 * i, 32);
+        for (int q = 0; q < SLOTS; ++q) std::memcpy(to + 16 + 4 * q, s.spring[q] + 4 * i, 32);
+        to[ROW - 2] = double(s.id[i]), to[ROW - 1] = s.marks[i];
+        to += ROW;
+    }
+    return found;
 }
 
 void Grains::finish_restore() {

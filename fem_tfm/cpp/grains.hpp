@@ -9,6 +9,8 @@
 
 namespace fem_tfm::grains {
 
+constexpr int ROW = 18 + 4 * SLOTS;
+
 class Grains {
   public:
     Grains();
@@ -40,6 +42,11 @@ class Grains {
     void clear();
     // Number of grains and pairs for a state that is about to be filled in.
     void resize(int n, int room, int spill_room);
+    // Take out the grains that are flagged.
+    void take_out(const std::uint8_t* leaves);
+    // Rows of ROW numbers of some grains: place, motion, force, springs at walls, number and mark.
+    std::vector<double> some(const std::vector<int>& which) const;
+    void append(int count, const double* rows);
     // Springs of pairs by the numbers of their grains; those of grains that are not here are dropped.
     void keep_pairs(int count, const std::int64_t* pairs, const double* shear);
     void finish_restore();

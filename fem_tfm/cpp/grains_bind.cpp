@@ -133,6 +133,26 @@ void check_packed(const Grains& g, const Given<int>& which, std::size_t size) {
         if (which.data()[k] < 0 || which.data()[k] >= g.s.n) throw std::out_of_range("no such grain");
 }
 
+// Springs of the pairs in contact of which a grain is flagged, or of all: numbers of the grains, the
+// smaller first, and the springs.
+void springs(Grains& g, const std::uint8_t* flags, std::vector<std::int64_t>& pairs,
+             std::vector<double>& shear) {
+    State& s = g.s;
+    if (s.law_kind == VISCOUS) return;
+    if (!s.fresh) g.keep_springs();
+    const auto add = [&](int i, int j, const double* h) {
+        if (flags && !flags[i] && !flags[j]) return;
+        const double sign = s.id[i] < s.id[j] ? 1.0 : -1.0;
+        pairs.insert(pairs.end(), {std::min(s.id[i], s.id[j]), std::max(s.id[i], s.id[j])});
+        for (int k = 0; k < 4; ++k) shear.push_back(sign * h[k]);
+    };
+    for (int k = 0; !s.fresh && k < s.kept_count; ++k)
+        add(s.kept[2 * k], s.kept[2 * k + 1], s.kept_shear + 4 * k);
+    for (int b = 0; s.fresh && b * BLOCK < s.n; ++b)
+        for (int p = b * s.room; p < b * s.room + s.pairs[b]; ++p)
+            if (s.touching[p]) add(s.first[p], s.second[p], s.shear + 4 * p);
+}
+
 nb::dict rows(Grains& g) {
     State& s = g.s;
     if (!s.fresh) g.keep_springs();
@@ -144,19 +164,7 @@ nb::dict rows(Grains& g) {
     d["marks"] = copied(s.marks, {n}), d["number"] = copied(s.id, {n});
     std::vector<std::int64_t> pairs;
     std::vector<double> shear;
-    // the grain of the smaller number comes first
-    const auto add = [&](int i, int j, const double* h) {
-        const double sign = s.id[i] < s.id[j] ? 1.0 : -1.0;
-        pairs.insert(pairs.end(), {std::min(s.id[i], s.id[j]), std::max(s.id[i], s.id[j])});
-        for (int k = 0; k < 4; ++k) shear.push_back(sign * h[k]);
-    };
-    if (s.law_kind != VISCOUS) {
-        for (int k = 0; !s.fresh && k < s.kept_count; ++k)
-            add(s.kept[2 * k], s.kept[2 * k + 1], s.kept_shear + 4 * k);
-        for (int b = 0; s.fresh && b * BLOCK < s.n; ++b)
-            for (int p = b * s.room; p < b * s.room + s.pairs[b]; ++p)
-                if (s.touching[p]) add(s.first[p], s.second[p], s.shear + 4 * p);
-    }
+    springs(g, nullptr, pairs, shear);
     d["pairs"] = copied(pairs.data(), {pairs.size() / 2, 2});
     d["shear"] = copied(shear.data(), {shear.size() / 4, 4});
     return d;
@@ -166,6 +174,7 @@ void set_rows(Grains& g, nb::dict d) {
     State& s = g.s;
     const std::size_t n = nb::cast<Given<std::int64_t>>(d["number"]).size();
     g.resize(int(n), s.room, s.spill_room);
+    s.fresh = 0, s.kept_count = 0;
     fill(d, "place", s.x), fill(d, "motion", s.v), fill(d, "force", s.force);
     for (int k = 0; k < SLOTS; ++k) fill(d, SPRING_NAMES[k], s.spring[k]);
     fill(d, "marks", s.marks), fill(d, "number", s.id);
@@ -254,6 +263,32 @@ void bind_grains(nb::module_& m) {
         .def("clear", &Grains::clear)
         .def("rows", &rows, "Grains as rows and springs of their pairs, without the neighbour list")
         .def("set_rows", &set_rows, "rows"_a)
+        // some grains as a table, and the springs of pairs that they are part of
+        .def("some", [](Grains& g, Given<int> which) {
+            const std::vector<int> chosen(which.data(), which.data() + which.size());
+            std::vector<std::uint8_t> flags(g.s.n);
+            for (const int i : chosen) {
+                if (i < 0 || i >= g.s.n) throw std::out_of_range("no such grain");
+                flags[i] = 1;
+            }
+            std::vector<std::int64_t> pairs;
+            std::vector<double> shear;
+            springs(g, flags.data(), pairs, shear);
+            const std::vector<double> table = g.some(chosen);
+            return nb::make_tuple(copied(table.data(), {chosen.size(), std::size_t(ROW)}),
+                                  copied(pairs.data(), {pairs.size() / 2, 2}),
+                                  copied(shear.data(), {shear.size() / 4, 4}));
+        }, "which"_a)
+        .def("take_out", [](Grains& g, Given<std::uint8_t> flags) {
+            if (flags.size() != std::size_t(g.s.n)) throw std::invalid_argument("a flag a grain");
+            g.take_out(flags.data());
+        }, "flags"_a)
+        .def("append", [](Grains& g, Given<double> table, Given<std::int64_t> pairs, Given<double> shear) {
+            if (table.size() % ROW || 2 * pairs.size() != shear.size())
+                throw std::invalid_argument("rows of another length");
+            g.append(int(table.size() / ROW), table.data());
+            g.keep_pairs(int(pairs.size() / 2), pairs.data(), shear.data());
+        }, "table"_a, "pairs"_a, "shear"_a)
         // x, y, z, velocity and radius times spin of some grains, to and from another process
         .def("pack", [](const Grains& g, Given<int> which, nb::ndarray<double, nb::c_contig> out) {
             check_packed(g, which, out.size());

@@ -162,29 +162,29 @@ class SharedGrains(Grains):
 
     def _share(self) -> None:
         """Send grains to the slabs in which they are, and copies to where they may touch others."""
-        rows, along = self.core.rows(), self.core.straight()[:, 2]
-        own = rows["marks"] < GHOST
+        core, me = self.core, self._comm.rank
+        along, own = core.straight()[:, 2], self._own()
         self._cut(along[own])
         to = np.where(own, self._owner(along), -1)
-        parts = [
-            _chosen(rows, to == r, own & (to != r) & self._near(along, r))
-            for r in range(self._comm.size)
-        ]
-        mine = parts[self._comm.rank]
-        outgoing: list[Any] = list(parts)
-        outgoing[self._comm.rank] = None
-        incoming = [mine if p is None else p for p in self._comm.alltoall(outgoing)]
-        self._put(incoming)
-        if not self.core.run(0):
+        near = [own & ((to == r) | self._near(along, r)) for r in range(self._comm.size)]
+        outgoing: list[Any] = [None] * self._comm.size
+        for r, chosen in enumerate(near):
+            if r != me and chosen.any():
+                which = np.flatnonzero(chosen).astype(np.int32)
+                table, *springs = core.some(which)
+                table[:, -1] += GHOST * (to[which] != r)
+                outgoing[r] = (table, *springs)
+        incoming = [part for part in self._comm.alltoall(outgoing) if part is not None]
+        # a grain that leaves stays as a ghost where it is near
+        core.marks[own & (to != me)] |= GHOST
+        core.take_out((~near[me]).astype(np.uint8))
+        if incoming:
+            table, pairs, shear = (np.concatenate(parts) for parts in zip(*incoming, strict=True))
+            pairs, first = np.unique(pairs, axis=0, return_index=True)
+            core.append(table, np.ascontiguousarray(pairs), np.ascontiguousarray(shear[first]))
+        if not core.run(0):
             self._failed = True
         self._meet()
-
-    def _put(self, parts: list[Rows]) -> None:
-        """Take rows of grains in the place of those that are here."""
-        rows = {name: np.concatenate([p[name] for p in parts]) for name in (*OF_GRAINS, *OF_PAIRS)}
-        _, first = np.unique(rows["pairs"], axis=0, return_index=True)
-        rows |= {name: rows[name][first] for name in OF_PAIRS}
-        self.core.set_rows({name: np.ascontiguousarray(row) for name, row in rows.items()})
 
     def _cut(self, along: Array) -> None:
         """Cut slabs of equal numbers of grains where they have become uneven."""
@@ -248,8 +248,7 @@ class SharedGrains(Grains):
     def state(self) -> dict[str, Any]:
         """All grains as rows, the same on every process, for any number of processes."""
         rows = self.core.rows()
-        own = rows["marks"] < GHOST
-        parts = self._comm.allgather(_chosen(rows, own, ~(own | ~own)))
+        parts = self._comm.allgather(_chosen(rows, rows["marks"] < GHOST))
         found = {name: np.concatenate([p[name] for p in parts]) for name in (*OF_GRAINS, *OF_PAIRS)}
         _, first = np.unique(found["pairs"], axis=0, return_index=True)
         found |= {name: found[name][first] for name in OF_PAIRS}
@@ -260,7 +259,8 @@ class SharedGrains(Grains):
         self._next = int(state["next"][0])
         rows = as_rows(state)
         chosen = np.full(len(rows["number"]), self._comm.rank == 0)
-        self._put([_chosen(rows, chosen, ~(chosen | ~chosen))])
+        own = _chosen(rows, chosen)
+        self.core.set_rows({name: np.ascontiguousarray(row) for name, row in own.items()})
 
 
 def as_rows(state: dict[str, Any]) -> Rows:
@@ -280,11 +280,8 @@ def as_rows(state: dict[str, Any]) -> Rows:
     return found | {"pairs": np.sort(number, axis=1), "shear": sign * shear.reshape(-1, 4)}
 
 
-def _chosen(rows: Rows, own: npt.NDArray[np.bool_], ghosts: npt.NDArray[np.bool_]) -> Rows:
-    """Some of the rows, some of them as ghosts, and the springs of pairs that they are part of."""
-    which = np.flatnonzero(own | ghosts)
+def _chosen(rows: Rows, which: npt.NDArray[np.bool_]) -> Rows:
+    """Some of the rows, and the springs of pairs that they are part of."""
     found = {name: rows[name][which] for name in OF_GRAINS}
-    found["marks"] = np.where(ghosts[which], found["marks"] | GHOST, found["marks"] & (GHOST - 1))
-    found["marks"] = found["marks"].astype(np.uint8)
     touched = np.isin(rows["pairs"], found["number"]).any(axis=1)
     return found | {name: rows[name][touched] for name in OF_PAIRS}
