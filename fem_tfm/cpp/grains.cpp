@@ -8,6 +8,7 @@
 #include <new>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 namespace fem_tfm::grains {
 
@@ -44,6 +45,7 @@ void renew(T*& p, std::size_t count) {
     grow(p, 0, count);
 }
 
+#include "grains_arc.hpp"
 #include "grains_surface.hpp"
 
 int block_count(int n) { return (n + BLOCK - 1) / BLOCK; }
@@ -119,6 +121,16 @@ void reserve_benches(State& s, std::size_t pushes, int pairs) {
     s.bench_pushes = std::max(pushes, s.bench_pushes), s.bench_pairs = std::max(pairs + pairs / 4, s.bench_pairs);
     for (int t = 0; t < s.threads; ++t)
         renew(s.bench[t], s.bench_pushes + 7 * std::size_t(s.bench_pairs) + PAD);
+}
+
+void log_impact(State& s, int block, const double* row) {
+    Log& log = s.log[block];
+    if (log.count == log.room) {
+        log.room = 2 * log.room + 16;
+        log.row = static_cast<double*>(std::realloc(log.row, sizeof(double) * IMPACT * log.room));
+        if (!log.row) throw std::bad_alloc();
+    }
+    std::memcpy(log.row + std::size_t(IMPACT) * log.count++, row, sizeof(double) * IMPACT);
 }
 
 // Boxes of space, each with the triangles that a grain in it may touch.
@@ -199,6 +211,31 @@ void list_surface(State& s) {
     std::copy(near.begin(), near.end(), s.near);
 }
 
+std::vector<double> Grains::take_impacts() {
+    std::vector<double> found;
+    for (int b = 0; b < block_count(s.capacity); ++b) {
+        Log& log = s.log[b];
+        found.insert(found.end(), log.row, log.row + std::size_t(IMPACT) * log.count);
+        log.count = 0;
+    }
+    return found;
+}
+
+void Grains::set_arc(const double* normal, double radius, double angle, double before) {
+    refresh();
+    Arc& a = s.arc;
+    a = {{normal[0], normal[1]}, radius, angle, before, std::cos(angle), std::sin(angle), 1.0};
+    stretch();
+}
+
+// Largest distance along the axis over the reach of two grains within it, both on the inner side.
+void Grains::stretch() {
+    const double reach = 2.0 * s.largest + s.skin, least = s.arc.radius - s.walls.radius;
+    if (s.walls.kind != BENT || reach <= 0.0) return;
+    const double half = least > 0.5 * reach ? std::asin(0.5 * reach / least) : 0.5 * std::acos(-1.0);
+    s.arc.stretch = 2.0 * s.arc.radius * half / reach;
+}
+
 void Grains::set_surface(int count, const double* corners) {
     refresh();
     corners_.assign(corners, corners + 9 * std::size_t(count));
@@ -215,7 +252,7 @@ Grains::Grains() {
 }
 
 Grains::~Grains() {
-    for (double* p : {s.x, s.v, s.force, s.record, s.origin, s.spare, s.column, s.shear, s.spill,
+    for (double* p : {s.x, s.v, s.force, s.record, s.origin, s.straight, s.spare, s.column, s.shear, s.spill,
                       s.kept_shear, s.speed})
         std::free(p);
     for (int* p : {s.cell, s.order, s.first, s.second, s.begin, s.amount, s.pairs, s.reach, s.slab, s.kept,
@@ -223,7 +260,9 @@ Grains::~Grains() {
         std::free(p);
     for (int t = 0; t < s.threads; ++t) std::free(s.bench[t]);
     std::free(s.bench), std::free(s.id), std::free(s.touching), std::free(s.pressed);
-    std::free(s.near_begin), std::free(s.near);
+    std::free(s.near_begin), std::free(s.near), std::free(s.marks);
+    for (int b = 0; b < block_count(s.capacity); ++b) std::free(s.log[b].row);
+    std::free(s.log);
     for (double* spring : s.spring) std::free(spring);
     delete s.boxes;
 }
@@ -235,7 +274,8 @@ void Grains::reserve(int n) {
     grow(s.x, 4 * now, 4 * then), grow(s.v, 8 * now, 8 * then), grow(s.force, 4 * now, 4 * then);
     for (double*& spring : s.spring) grow(spring, 4 * now, 4 * then);
     grow(s.record, 8 * now, 8 * then);
-    grow(s.origin, 4 * now, 4 * then), grow(s.id, now, then);
+    grow(s.origin, 4 * now, 4 * then), grow(s.id, now, then), grow(s.marks, now, then);
+    renew(s.straight, 4 * then), grow(s.log, block_count(s.capacity), block_count(size));
     renew(s.pressed, SLOTS * then);
     renew(s.spare, 12 * then), renew(s.column, 4 * then), renew(s.cell, then), renew(s.order, then);
     renew(s.begin, then), renew(s.amount, then), renew(s.near_begin, then);
@@ -294,28 +334,37 @@ void Grains::add(int count, const double* x, const double* v, const double* radi
         std::fill_n(s.force + 4 * i, 4, 0.0);
         for (double* spring : s.spring) std::fill_n(spring + 4 * i, 4, 0.0);
         std::fill_n(s.record + 8 * i, 8, 0.0);
-        s.id[i] = id[k];
+        s.id[i] = id[k], s.marks[i] = 0;
         s.largest = std::max(s.largest, radius[k]);
         s.mono = s.mono && s.x[4 * i + 3] == s.x[3] && s.v[8 * i + 3] == s.v[3];
     }
+    stretch();
 }
 
 std::vector<std::int64_t> Grains::remove_beyond(double z) {
     std::vector<std::int64_t> gone;
-    for (int i = 0; i < s.n; ++i)
-        if (s.x[4 * i + 2] > z) gone.push_back(s.id[i]);
-    if (gone.empty()) return gone;
+    std::vector<std::uint8_t> leaves(s.n);
+    for (int i = 0; i < s.n; ++i) {
+        // what another process moves, that process takes out
+        leaves[i] = !(s.marks[i] & GHOST) && place_along(s, s.x + 4 * i) > z;
+        if (leaves[i]) gone.push_back(s.id[i]);
+    }
+    if (!gone.empty()) take_out(leaves.data());
+    return gone;
+}
+
+void Grains::take_out(const std::uint8_t* leaves) {
     refresh();
     int to = 0;
     for (int i = 0; i < s.n; ++i) {
-        const bool stays = !(s.x[4 * i + 2] > z);
+        const bool stays = !leaves[i];
         s.cell[i] = stays ? to : -1;
         if (!stays) continue;
         std::memmove(s.x + 4 * to, s.x + 4 * i, 32), std::memmove(s.v + 8 * to, s.v + 8 * i, 64);
         std::memmove(s.force + 4 * to, s.force + 4 * i, 32);
         for (double* spring : s.spring) std::memmove(spring + 4 * to, spring + 4 * i, 32);
         std::memmove(s.record + 8 * to, s.record + 8 * i, 64);
-        s.id[to++] = s.id[i];
+        s.marks[to] = s.marks[i], s.id[to++] = s.id[i];
     }
     int kept = 0;
     for (int k = 0; k < s.kept_count; ++k) {
@@ -330,14 +379,14 @@ std::vector<std::int64_t> Grains::remove_beyond(double z) {
         std::fill_n(s.x + 4 * i, 4, 0.0), std::fill_n(s.v + 8 * i, 8, 0.0);
         std::fill_n(s.force + 4 * i, 4, 0.0);
         for (double* spring : s.spring) std::fill_n(spring + 4 * i, 4, 0.0);
+        s.marks[i] = 0;
     }
     s.n = to;
-    return gone;
 }
 
 bool Grains::run(int steps) {
     if (s.n > 0) choice().run(s, steps);
-    else s.steps += steps;
+    else s.steps += steps, s.failed = 0;
     return !s.failed;
 }
 
@@ -348,7 +397,57 @@ void Grains::resize(int n, int room, int spill_room) {
     if (spill_room > s.spill_room) reserve_spill(s, spill_room);
     std::memset(s.x, 0, 32 * (std::size_t(s.capacity) + PAD));
     std::memset(s.v, 0, 64 * (std::size_t(s.capacity) + PAD));
+    std::memset(s.marks, 0, std::size_t(s.capacity) + PAD);
     s.n = n;
+}
+
+void Grains::keep_pairs(int count, const std::int64_t* pairs, const double* shear) {
+    if (count == 0) return;
+    refresh();
+    const int most = block_count(s.capacity) * s.room, all = s.kept_count + count;
+    if (all > most) reserve_pairs(s, all / block_count(s.capacity) + 1);
+    std::vector<std::pair<std::int64_t, int>> known(s.n);
+    for (int i = 0; i < s.n; ++i) known[i] = {s.id[i], i};
+    std::sort(known.begin(), known.end());
+    const auto find = [&](std::int64_t id) {
+        const auto at = std::lower_bound(known.begin(), known.end(), std::make_pair(id, -1));
+        return at != known.end() && at->first == id ? at->second : -1;
+    };
+    for (int k = 0; k < count; ++k) {
+        const int i = find(pairs[2 * k]), j = find(pairs[2 * k + 1]);
+        if (i < 0 || j < 0) continue;
+        s.kept[2 * s.kept_count] = i, s.kept[2 * s.kept_count + 1] = j;
+        std::memcpy(s.kept_shear + 4 * s.kept_count++, shear + 4 * k, 32);
+    }
+}
+
+void Grains::append(int count, const double* rows) {
+    refresh();
+    reserve(s.n + count);
+    for (int k = 0; k < count; ++k, rows += ROW) {
+        const int i = s.n++;
+        std::memcpy(s.x + 4 * i, rows, 32), std::memcpy(s.v + 8 * i, rows + 4, 64);
+        std::memcpy(s.force + 4 * i, rows + 12, 32);
+        for (int q = 0; q < SLOTS; ++q) std::memcpy(s.spring[q] + 4 * i, rows + 16 + 4 * q, 32);
+        std::fill_n(s.record + 8 * i, 8, 0.0);
+        s.id[i] = std::int64_t(rows[ROW - 2]), s.marks[i] = std::uint8_t(rows[ROW - 1]);
+        s.largest = std::max(s.largest, s.x[4 * i + 3]);
+        s.mono = s.mono && s.x[4 * i + 3] == s.x[3] && s.v[8 * i + 3] == s.v[3];
+    }
+    stretch();
+}
+
+std::vector<double> Grains::some(const std::vector<int>& which) const {
+    std::vector<double> found(ROW * which.size());
+    double* to = found.data();
+    for (const int i : which) {
+        std::memcpy(to, s.x + 4 * i, 32), std::memcpy(to + 4, s.v + 8 * i, 64);
+        std::memcpy(to + 12, s.force + 4 * i, 32);
+        for (int q = 0; q < SLOTS; ++q) std::memcpy(to + 16 + 4 * q, s.spring[q] + 4 * i, 32);
+        to[ROW - 2] = double(s.id[i]), to[ROW - 1] = s.marks[i];
+        to += ROW;
+    }
+    return found;
 }
 
 void Grains::finish_restore() {
@@ -358,6 +457,7 @@ void Grains::finish_restore() {
         s.largest = std::max(s.largest, s.x[4 * i + 3]);
         s.mono = s.mono && s.x[4 * i + 3] == s.x[3] && s.v[8 * i + 3] == s.v[3];
     }
+    stretch();
     if (s.fresh) baseline::share(s);
     if (s.fresh && s.triangles) list_surface(s);
 }

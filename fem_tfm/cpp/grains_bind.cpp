@@ -7,6 +7,7 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <array>
 #include <cstring>
 
@@ -18,6 +19,8 @@ using namespace nb::literals;
 
 namespace fem_tfm::grains {
 namespace {
+
+#include "grains_arc.hpp"
 
 template <class T>
 using Array = nb::ndarray<nb::numpy, T>;
@@ -56,6 +59,7 @@ nb::dict save(Grains& g) {
     d["place"] = copied(s.x, {n, 4}), d["motion"] = copied(s.v, {n, 8});
     d["force"] = copied(s.force, {n, 4});
     for (int k = 0; k < SLOTS; ++k) d[SPRING_NAMES[k]] = copied(s.spring[k], {n, 4});
+    d["marks"] = copied(s.marks, {n});
     d["number"] = copied(s.id, {n}), d["origin"] = copied(s.origin, {n, 4});
     d["counters"] = copied(std::array<std::int64_t, 3>{s.steps, s.rebuilds, s.contacts}.data(), {3});
     d["travelled"] = copied(&s.travelled, {1});
@@ -95,6 +99,7 @@ void load(Grains& g, nb::dict d) {
     g.resize(int(n), int(sizes[1]), int(sizes[2]));
     fill(d, "place", s.x), fill(d, "motion", s.v), fill(d, "force", s.force);
     for (int k = 0; k < SLOTS; ++k) fill(d, SPRING_NAMES[k], s.spring[k]);
+    if (d.contains("marks")) fill(d, "marks", s.marks);
     fill(d, "number", s.id), fill(d, "origin", s.origin), fill(d, "travelled", &s.travelled);
     s.steps = counters[0], s.rebuilds = counters[1], s.contacts = counters[2];
     s.fresh = int(sizes[0]), s.kept_count = int(sizes[3]);
@@ -119,6 +124,66 @@ void load(Grains& g, nb::dict d) {
     g.finish_restore();
 }
 
+// What another process needs of a grain: place, velocity, radius times spin.
+constexpr int PACKED = 9;
+
+void check_packed(const Grains& g, const Given<int>& which, std::size_t size) {
+    if (size != PACKED * which.size()) throw std::invalid_argument("packed grains have nine numbers");
+    for (std::size_t k = 0; k < which.size(); ++k)
+        if (which.data()[k] < 0 || which.data()[k] >= g.s.n) throw std::out_of_range("no such grain");
+}
+
+// Springs of the pairs in contact of which a grain is flagged, or of all: numbers of the grains, the
+// smaller first, and the springs.
+void springs(Grains& g, const std::uint8_t* flags, std::vector<std::int64_t>& pairs,
+             std::vector<double>& shear) {
+    State& s = g.s;
+    if (s.law_kind == VISCOUS) return;
+    if (!s.fresh) g.keep_springs();
+    const auto add = [&](int i, int j, const double* h) {
+        if (flags && !flags[i] && !flags[j]) return;
+        const double sign = s.id[i] < s.id[j] ? 1.0 : -1.0;
+        pairs.insert(pairs.end(), {std::min(s.id[i], s.id[j]), std::max(s.id[i], s.id[j])});
+        for (int k = 0; k < 4; ++k) shear.push_back(sign * h[k]);
+    };
+    for (int k = 0; !s.fresh && k < s.kept_count; ++k)
+        add(s.kept[2 * k], s.kept[2 * k + 1], s.kept_shear + 4 * k);
+    for (int b = 0; s.fresh && b * BLOCK < s.n; ++b)
+        for (int p = b * s.room; p < b * s.room + s.pairs[b]; ++p)
+            if (s.touching[p]) add(s.first[p], s.second[p], s.shear + 4 * p);
+}
+
+nb::dict rows(Grains& g) {
+    State& s = g.s;
+    if (!s.fresh) g.keep_springs();
+    const std::size_t n = s.n;
+    nb::dict d;
+    d["place"] = copied(s.x, {n, 4}), d["motion"] = copied(s.v, {n, 8});
+    d["force"] = copied(s.force, {n, 4});
+    for (int k = 0; k < SLOTS; ++k) d[SPRING_NAMES[k]] = copied(s.spring[k], {n, 4});
+    d["marks"] = copied(s.marks, {n}), d["number"] = copied(s.id, {n});
+    std::vector<std::int64_t> pairs;
+    std::vector<double> shear;
+    springs(g, nullptr, pairs, shear);
+    d["pairs"] = copied(pairs.data(), {pairs.size() / 2, 2});
+    d["shear"] = copied(shear.data(), {shear.size() / 4, 4});
+    return d;
+}
+
+void set_rows(Grains& g, nb::dict d) {
+    State& s = g.s;
+    const std::size_t n = nb::cast<Given<std::int64_t>>(d["number"]).size();
+    g.resize(int(n), s.room, s.spill_room);
+    s.fresh = 0, s.kept_count = 0;
+    fill(d, "place", s.x), fill(d, "motion", s.v), fill(d, "force", s.force);
+    for (int k = 0; k < SLOTS; ++k) fill(d, SPRING_NAMES[k], s.spring[k]);
+    fill(d, "marks", s.marks), fill(d, "number", s.id);
+    const auto pairs = nb::cast<Given<std::int64_t>>(d["pairs"]);
+    const auto shear = nb::cast<Given<double>>(d["shear"]);
+    g.keep_pairs(int(pairs.size() / 2), pairs.data(), shear.data());
+    g.finish_restore();
+}
+
 }  // namespace
 
 void bind_grains(nb::module_& m) {
@@ -130,6 +195,7 @@ void bind_grains(nb::module_& m) {
         .def_prop_ro("count", [](const Grains& g) { return g.s.n; })
         .def_prop_ro("steps", [](const Grains& g) { return g.s.steps; })
         .def_prop_ro("rebuilds", [](const Grains& g) { return g.s.rebuilds; })
+        .def_prop_ro("stale", [](const Grains& g) { return g.s.n > 0 && !g.s.fresh; })
         .def_prop_ro("contacts", [](const Grains& g) { return g.s.contacts; })
         .def_prop_ro("fastest", [](const Grains& g) { return g.s.fastest; })
         .def_prop_ro("listed", [](const Grains& g) {
@@ -148,6 +214,10 @@ void bind_grains(nb::module_& m) {
             g.s.walls = {kind, radius, half_width, half_height, low_closed, high_closed, low, high};
         }, "kind"_a, "radius"_a, "half_width"_a, "half_height"_a, "low"_a, "high"_a, "low_closed"_a,
            "high_closed"_a)
+        .def("set_arc", [](Grains& g, std::array<double, 2> normal, double radius, double angle,
+                           double before) {
+            g.set_arc(normal.data(), radius, angle, before);
+        }, "normal"_a, "radius"_a, "angle"_a, "before"_a)
         .def("set_surface", [](Grains& g, Given<double> corners) {
             if (corners.size() % 9) throw std::invalid_argument("triangles have nine numbers");
             g.set_surface(int(corners.size() / 9), corners.data());
@@ -156,11 +226,27 @@ void bind_grains(nb::module_& m) {
                               double release) {
             if (skin != g.s.skin) g.refresh();
             g.s.dt = dt, g.s.skin = skin, g.s.release = release;
+            g.stretch();
             for (int k = 0; k < 3; ++k) g.s.gravity[k] = gravity[k];
         }, "dt"_a, "gravity"_a, "skin"_a, "release"_a)
         .def_prop_rw("threads", [](const Grains& g) { return g.s.threads; }, &Grains::set_threads)
         .def_prop_rw("recording", [](const Grains& g) { return g.s.recording != 0; },
                      [](Grains& g, bool on) { g.s.recording = on; })
+        .def_prop_rw("watching", [](const Grains& g) { return g.s.watching != 0; },
+                     [](Grains& g, bool on) { g.s.watching = on; })
+        .def("impacts", [](Grains& g) {
+            const std::vector<double> rows = g.take_impacts();
+            return copied(rows.data(), {rows.size() / IMPACT, std::size_t(IMPACT)});
+        })
+        .def("straight", [](const Grains& g) {
+            std::vector<double> found(3 * std::size_t(g.s.n));
+            for (int i = 0; i < g.s.n; ++i) {
+                const double* x = g.s.x + 4 * i;
+                if (g.s.walls.kind == BENT) straighten(g.s.arc, x, &found[3 * std::size_t(i)]);
+                else std::copy(x, x + 3, &found[3 * std::size_t(i)]);
+            }
+            return copied(found.data(), {std::size_t(g.s.n), 3});
+        })
         .def("add", [](Grains& g, Given<double> x, Given<double> v, Given<double> radius,
                        Given<double> mass, Given<std::uint8_t> held, Given<std::int64_t> number) {
             const std::size_t n = radius.size();
@@ -175,6 +261,53 @@ void bind_grains(nb::module_& m) {
         })
         .def("run", &Grains::run, "steps"_a, nb::call_guard<nb::gil_scoped_release>())
         .def("clear", &Grains::clear)
+        .def("rows", &rows, "Grains as rows and springs of their pairs, without the neighbour list")
+        .def("set_rows", &set_rows, "rows"_a)
+        // some grains as a table, and the springs of pairs that they are part of
+        .def("some", [](Grains& g, Given<int> which) {
+            const std::vector<int> chosen(which.data(), which.data() + which.size());
+            std::vector<std::uint8_t> flags(g.s.n);
+            for (const int i : chosen) {
+                if (i < 0 || i >= g.s.n) throw std::out_of_range("no such grain");
+                flags[i] = 1;
+            }
+            std::vector<std::int64_t> pairs;
+            std::vector<double> shear;
+            springs(g, flags.data(), pairs, shear);
+            const std::vector<double> table = g.some(chosen);
+            return nb::make_tuple(copied(table.data(), {chosen.size(), std::size_t(ROW)}),
+                                  copied(pairs.data(), {pairs.size() / 2, 2}),
+                                  copied(shear.data(), {shear.size() / 4, 4}));
+        }, "which"_a)
+        .def("take_out", [](Grains& g, Given<std::uint8_t> flags) {
+            if (flags.size() != std::size_t(g.s.n)) throw std::invalid_argument("a flag a grain");
+            g.take_out(flags.data());
+        }, "flags"_a)
+        .def("append", [](Grains& g, Given<double> table, Given<std::int64_t> pairs, Given<double> shear) {
+            if (table.size() % ROW || 2 * pairs.size() != shear.size())
+                throw std::invalid_argument("rows of another length");
+            g.append(int(table.size() / ROW), table.data());
+            g.keep_pairs(int(pairs.size() / 2), pairs.data(), shear.data());
+        }, "table"_a, "pairs"_a, "shear"_a)
+        // x, y, z, velocity and radius times spin of some grains, to and from another process
+        .def("pack", [](const Grains& g, Given<int> which, nb::ndarray<double, nb::c_contig> out) {
+            check_packed(g, which, out.size());
+            double* to = out.data();
+            for (std::size_t k = 0; k < which.size(); ++k, to += PACKED) {
+                const double *x = g.s.x + 4 * which.data()[k], *v = g.s.v + 8 * which.data()[k];
+                std::copy(x, x + 3, to), std::copy(v, v + 3, to + 3), std::copy(v + 4, v + 7, to + 6);
+            }
+        })
+        .def("unpack", [](Grains& g, Given<int> which, Given<double> from) {
+            check_packed(g, which, from.size());
+            const double* row = from.data();
+            for (std::size_t k = 0; k < which.size(); ++k, row += PACKED) {
+                double *x = g.s.x + 4 * which.data()[k], *v = g.s.v + 8 * which.data()[k];
+                std::copy(row, row + 3, x), std::copy(row + 3, row + 6, v), std::copy(row + 6, row + 9, v + 4);
+                // it is moved there, and held here
+                v[7] = 0.0;
+            }
+        })
         .def("save", &save)
         .def("load", &load)
         // rows of memory: valid until grains come or go, or steps are run
@@ -194,6 +327,10 @@ void bind_grains(nb::module_& m) {
             State& s = nb::cast<Grains&>(self).s;
             return view(self, s.record, {std::size_t(s.n), 8});
         })
+        .def_prop_ro("marks", [](nb::handle_t<Grains> self) {
+            State& s = nb::cast<Grains&>(self).s;
+            return view(self, s.marks, {std::size_t(s.n)});
+        })
         .def_prop_ro("number", [](nb::handle_t<Grains> self) {
             State& s = nb::cast<Grains&>(self).s;
             return view(self, s.id, {std::size_t(s.n)});
@@ -205,7 +342,7 @@ void bind_grains(nb::module_& m) {
                           {planes.data(), planes.data() + planes.size()});
         }, "corners"_a, "nodes"_a, "planes"_a)
         .def_prop_ro("nodes", &Tents::node_count)
-        .def("locate", [](Tents& t, const Grains& g) { t.locate(g.s.n, g.s.x); })
+        .def("locate", [](Tents& t, const Grains& g) { t.locate(g.s); })
         .def("deposit", [](const Tents& t, const Grains& g, nb::ndarray<double, nb::c_contig> volume,
                            nb::ndarray<double, nb::c_contig> momentum) {
             if (t.volume.size() != std::size_t(g.s.n) || volume.size() != std::size_t(t.node_count()) ||

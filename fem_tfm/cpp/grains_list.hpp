@@ -18,23 +18,30 @@ constexpr int NARROW = 16;
 
 INLINE bool finite(double a) { return a - a == 0.0; }
 
+// Rows of places by which grains are sorted: in a bend those of the straight line.
+INLINE double* sorted_by(const State& s) { return s.walls.kind == BENT ? s.straight : s.x; }
+
 // Returns whether all places are finite.
 inline bool survey(const State& s, Cells& c) {
     double high[3];
-    for (int k = 0; k < 3; ++k) c.low[k] = high[k] = s.x[k];
+    const double* at = sorted_by(s);
+    if (s.walls.kind == BENT)
+        for (int i = 0; i < s.n; ++i) straighten(s.arc, s.x + 4 * i, s.straight + 4 * i);
+    for (int k = 0; k < 3; ++k) c.low[k] = high[k] = at[k];
     bool good = true;
     for (int i = 0; i < s.n; ++i)
         for (int k = 0; k < 3; ++k) {
-            const double x = s.x[4 * i + k];
+            const double x = at[4 * i + k];
             good = good && finite(x) && finite(s.v[8 * i + k]);
             if (x < c.low[k]) c.low[k] = x;
             if (x > high[k]) high[k] = x;
         }
     if (!good) return false;
     const double reach = 2.0 * s.largest + s.skin;
+    const double along = s.walls.kind == BENT ? s.arc.stretch * reach : reach;
     double boxes[3];
     for (int k = 0; k < 3; ++k) {
-        boxes[k] = (high[k] - c.low[k]) / reach;
+        boxes[k] = (high[k] - c.low[k]) / (k == 2 ? along : reach);
         boxes[k] = boxes[k] < 1.0 ? 1.0 : boxes[k] > 1000.0 && k < 2 ? 1000.0 : boxes[k];
     }
     const bool narrow = int(boxes[0]) * int(boxes[1]) <= NARROW;
@@ -45,7 +52,7 @@ inline bool survey(const State& s, Cells& c) {
     if (slabs > most_slabs) slabs = most_slabs < 1.0 ? 1.0 : most_slabs;
     c.count[2] = int(slabs);
     for (int k = 0; k < 3; ++k) {
-        const double least_size = k == 2 ? reach / c.layers : reach;
+        const double least_size = k == 2 ? along / c.layers : reach;
         c.size[k] = (high[k] - c.low[k]) / c.count[k];
         if (c.size[k] < least_size) c.size[k] = least_size;
     }
@@ -62,21 +69,26 @@ INLINE void permute(double* a, double* spare, const int* order, int n, int width
 // Sort by cells, stable; `cell` then tells the new number of an old one.
 inline void sort(State& s, const Cells& c) {
     const int total = c.count[0] * c.count[1] * c.count[2], n = s.n;
+    const double* at = sorted_by(s);
     if (total + 2 > s.slab_room) reserve_slabs(s, total + total / 4 + 2);
     int* start = s.slab;
     for (int k = 0; k <= total + 1; ++k) start[k] = 0;
     for (int i = 0; i < n; ++i) {
-        s.cell[i] = cell_of(c, s.x + 4 * i);
+        s.cell[i] = cell_of(c, at + 4 * i);
         ++start[s.cell[i] + 2];
     }
     for (int k = 2; k <= total + 1; ++k) start[k] += start[k - 1];
     for (int i = 0; i < n; ++i) s.order[start[s.cell[i] + 1]++] = i;
     for (int i = 0; i < n; ++i) s.cell[s.order[i]] = i;
     permute(s.x, s.spare, s.order, n, 4);
+    if (s.walls.kind == BENT) permute(s.straight, s.spare, s.order, n, 4);
     permute(s.v, s.spare, s.order, n, 8);
     permute(s.force, s.spare, s.order, n, 4);
     for (double* spring : s.spring)
         if (s.law_kind != VISCOUS) permute(spring, s.spare, s.order, n, 4);
+    std::uint8_t* spare = (std::uint8_t*)s.spare;
+    for (int i = 0; i < n; ++i) spare[i] = s.marks[s.order[i]];
+    __builtin_memcpy(s.marks, spare, n);
     __builtin_memset(s.pressed, 1, std::size_t(SLOTS) * n);
     permute((double*)s.id, s.spare, s.order, n, 1);
     __builtin_memcpy(s.origin, s.x, std::size_t(32) * n);
@@ -130,11 +142,12 @@ INLINE int list_row(State& s, int i, int from, int to, int p, double reach) {
 // List of one block; `overflow` is set where its room does not do.
 inline void list_block(State& s, const Cells& c, int b) {
     const int base = b * s.room, end = behind(s, b);
+    const double* at = sorted_by(s);
     const int *start = s.slab, nx = c.count[0], ny = c.count[1], nz = c.count[2];
     int p = base, far = end;
     for (int i = b * BLOCK; i < end; ++i) {
         const int before = p;
-        const int cx = cell_at(c, 0, s.x[4 * i]), cy = cell_at(c, 1, s.x[4 * i + 1]), cz = cell_at(c, 2, s.x[4 * i + 2]);
+        const int cx = cell_at(c, 0, at[4 * i]), cy = cell_at(c, 1, at[4 * i + 1]), cz = cell_at(c, 2, at[4 * i + 2]);
         for (int dz = 0; dz <= (c.layers > 1 ? 0 : 1) && cz + dz < nz; ++dz)
             for (int dy = dz ? -1 : 0; dy <= 1; ++dy) {
                 if (cy + dy < 0 || cy + dy >= ny) continue;

@@ -20,7 +20,12 @@ constexpr int PAD = 8;
 constexpr int SLOTS = 3;
 
 enum LawKind { VISCOUS = 0, SPRING = 1, HERTZ = 2 };
-enum WallKind { OPEN = 0, ROUND = 1, RECTANGULAR = 2 };
+enum WallKind { OPEN = 0, ROUND = 1, RECTANGULAR = 2, BENT = 3 };
+// mark of a grain that another process moves
+constexpr std::uint8_t GHOST = 128;
+// numbers of an impact: place of the contact, speed, speed along the normal, mass and radius of the
+// grain, number of the grain
+constexpr int IMPACT = 8;
 
 // Coefficients of a contact law, see fem_tfm/closures/contacts.py.
 //   normal stiffness S = kn, or 3/2 kn sqrt(R d) for Hertz, whose force is kn sqrt(R) d^(3/2)
@@ -40,6 +45,18 @@ struct Walls {
     double low, high;
 };
 
+// Arc in the axis of a tube, see fem_tfm/geometry/arc.py. What is `along` reach at the axis may be
+// `stretch` times as far apart there as it is inside.
+struct Arc {
+    double normal[2], radius, angle, before, cosine, sine, stretch;
+};
+
+// Impacts on walls that the grains of a block have had since they were read.
+struct Log {
+    double* row;
+    int count, room;
+};
+
 // Cells of the neighbour list: boxes of the reach, or slices of which `layers` span it.
 struct Cells {
     double low[3], size[3];
@@ -53,9 +70,10 @@ struct State {
     int law_kind, mono, rolling;
     Law pair, wall;
     Walls walls;
+    Arc arc;
     double dt, gravity[3];
     double skin, largest, release;
-    int threads, recording;
+    int threads, recording, watching;
 
     double* x;        // (n, 4) place and radius
     double* v;        // (n, 8) velocity, 1/m; radius times spin, 1/m where the grain is free, else 0
@@ -63,8 +81,11 @@ struct State {
     double* spring[SLOTS];  // (n, 4) tangential springs at walls
     std::uint8_t* pressed;  // (n, SLOTS) whether the springs of W grains from a first one may be loaded
     double* record;   // (n, 8) force of walls, its normal part, force of other grains
+    std::uint8_t* marks;    // (n) GHOST, and the bit of each slot whose wall was touched in the last step, if watched
+    Log* log;               // of each block
     std::int64_t* id;
     double* origin;   // (n, 4) places at the last rebuild
+    double* straight; // (n, 4) those in the straight line, where the tube is bent
     double* spare;    // (n, 12) room for sorting
     double* column;   // (4, n) places and radii by component, at a rebuild
     int *cell, *order;
@@ -114,6 +135,9 @@ void reserve_spill(State& s, int room);
 void reserve_slabs(State& s, int room);
 // room of every share: `pushes` numbers of pushes and `pairs` packed contacts
 void reserve_benches(State& s, std::size_t pushes, int pairs);
+
+// Add an impact to the log of a block; the threads do it, each for its own blocks.
+void log_impact(State& s, int block, const double* row);
 
 // Find the triangles near each grain's place of the last rebuild.
 void list_surface(State& s);

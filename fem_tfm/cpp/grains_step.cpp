@@ -25,6 +25,7 @@
 
 namespace fem_tfm::grains::GRAINS_SET {
 
+#include "grains_arc.hpp"
 #include "grains_lanes.hpp"
 #include "grains_law.hpp"
 #include "grains_surface.hpp"
@@ -254,22 +255,88 @@ INLINE void press(State& s, int i, int slot, column overlap, column nx, column n
     }
 }
 
+// Note which of W grains touch the wall of a slot, and log those that did not in the step before. Held
+// grains make no impact.
+INLINE void watch(State& s, int i, int slot, column overlap, const column* normal, const column* x,
+                  const column* v, const column* u) {
+    const unsigned hit = below(column{}, overlap);
+    unsigned before = 0;
+    for (int k = 0; k < W; ++k) before |= unsigned(s.marks[i + k] >> slot & 1) << k;
+    if (hit == before) return;
+    for (int k = 0; k < W && i + k < s.n; ++k) {
+        const unsigned now = hit >> k & 1, was = before >> k & 1;
+        s.marks[i + k] = std::uint8_t((s.marks[i + k] & ~(1u << slot)) | now << slot);
+        if (!now || was || !(u[3][k] > 0.0)) continue;
+        double row[IMPACT] = {}, square = 0.0;
+        for (int d = 0; d < 3; ++d) {
+            row[d] = x[d][k] - (x[3][k] - overlap[k]) * normal[d][k];
+            row[4] -= v[d][k] * normal[d][k], square += v[d][k] * v[d][k];
+        }
+        if (!(row[4] > 0.0)) continue;
+        row[3] = __builtin_sqrt(square), row[5] = 1.0 / v[3][k], row[6] = x[3][k], row[7] = double(s.id[i + k]);
+        log_impact(s, i / BLOCK, row);
+    }
+}
+
+// Overlap of W grains with the wall of a bent round tube, and the normal into it. The axis has turned
+// by an angle with this cosine and sine; what lies before and behind the arc is straight.
+INLINE column bent(const State& s, const column* x, column* normal) {
+    const Arc& a = s.arc;
+    const column one = all(1.0), none{}, tiny = all(1e-300);
+    const column c = x[0] * a.normal[0] + x[1] * a.normal[1];
+    const column lever = a.radius - c, ahead = x[2] - a.before;
+    const column size = root(lever * lever + ahead * ahead + tiny);
+    const unsigned first = below(ahead, none) & below(none, lever);
+    const unsigned last = below(none, ahead * a.cosine - lever * a.sine) &
+                          below(none, lever * a.cosine + ahead * a.sine);
+    const column cosine = where(last, all(a.cosine), where(first, one, lever / size));
+    const column sine = where(last, all(a.sine), where(first, none, ahead / size));
+    const column towards = a.radius - (lever * cosine + ahead * sine);
+    // from the axis
+    const column across = towards * cosine - c;
+    normal[0] = x[0] + across * a.normal[0], normal[1] = x[1] + across * a.normal[1];
+    normal[2] = -towards * sine;
+    const column rho = root(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2] + tiny);
+    const column by = -1.0 / rho;
+    for (int k = 0; k < 3; ++k) normal[k] *= by;
+    return rho + x[3] - s.walls.radius;
+}
+
+template <int KIND, bool ROLL>
+INLINE void press_side(State& s, int i, int slot, column overlap, const column* normal, const column* x,
+                       const column* v, const column* u, Held& sum) {
+    if (s.watching) watch(s, i, slot, overlap, normal, x, v, u);
+    press<KIND, ROLL>(s, i, slot, overlap, normal[0], normal[1], normal[2], v, u, x[3], sum);
+}
+
 template <int KIND, bool ROLL>
 INLINE void press_all(State& s, int i, const column* x, const column* v, const column* u, Held& sum) {
     const Walls& w = s.walls;
     const column none{}, one = all(1.0), r = x[3];
     if (w.kind == ROUND) {
         const column rho = root(x[0] * x[0] + x[1] * x[1] + all(1e-300)), by = -1.0 / rho;
-        press<KIND, ROLL>(s, i, 0, rho + r - w.radius, x[0] * by, x[1] * by, none, v, u, r, sum);
+        const column normal[3] = {x[0] * by, x[1] * by, none};
+        press_side<KIND, ROLL>(s, i, 0, rho + r - w.radius, normal, x, v, u, sum);
+    } else if (w.kind == BENT) {
+        column normal[3];
+        const column overlap = bent(s, x, normal);
+        press_side<KIND, ROLL>(s, i, 0, overlap, normal, x, v, u, sum);
     } else if (w.kind == RECTANGULAR) {
         const unsigned left = below(x[0], none), down = below(x[1], none);
         const column nx = where(left, one, -one), ny = where(down, one, -one);
-        press<KIND, ROLL>(s, i, 0, r - w.half_width - nx * x[0], nx, none, none, v, u, r, sum);
-        press<KIND, ROLL>(s, i, 1, r - w.half_height - ny * x[1], none, ny, none, v, u, r, sum);
+        const column across[3] = {nx, none, none}, up[3] = {none, ny, none};
+        press_side<KIND, ROLL>(s, i, 0, r - w.half_width - nx * x[0], across, x, v, u, sum);
+        press_side<KIND, ROLL>(s, i, 1, r - w.half_height - ny * x[1], up, x, v, u, sum);
     }
     if (w.low_closed || w.high_closed) {
         column overlap = -one, nz = one;
-        if (w.low_closed) overlap = w.low + r - x[2];
+        if (w.low_closed) {
+            overlap = w.low + r - x[2];
+            // the last leg of a bend that turns back lies behind the plane of the inlet
+            if (w.kind == BENT)
+                overlap = where(below(x[0] * s.arc.normal[0] + x[1] * s.arc.normal[1], all(s.arc.radius)),
+                                overlap, -one);
+        }
         if (w.high_closed) {
             const column upper = x[2] + r - w.high;
             const unsigned high = below(overlap, upper);
@@ -329,7 +396,7 @@ INLINE void press_surface(State& s, int i, const column* x, const column* v, con
         }
     }
     for (int c = 0; c < SLOTS; ++c)
-        press<KIND, ROLL>(s, i, c, overlap[c], normal[c][0], normal[c][1], normal[c][2], v, u, x[3], sum);
+        press_side<KIND, ROLL>(s, i, c, overlap[c], normal[c], x, v, u, sum);
 }
 
 // Contact forces of W grains from i on: the block's own, and what blocks before have pushed.

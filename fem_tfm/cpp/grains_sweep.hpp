@@ -105,6 +105,7 @@ inline void conclude(State& s) {
 template <int KIND, bool MONO, bool ROLL>
 void step_on(State& s, int steps, int me, int team) {
     std::int64_t met = 0;
+    if (steps == 0 && !s.fresh) rebuild(s, PUSH<ROLL>);
     for (int step = 0; step < steps; ++step) {
         if (!s.fresh) rebuild(s, PUSH<ROLL>);
         if (s.failed) return;

@@ -7,6 +7,8 @@
 namespace fem_tfm::grains {
 namespace {
 
+#include "grains_arc.hpp"
+
 constexpr double PI = 3.14159265358979323846;
 constexpr int ITERATIONS = 20;
 constexpr double CLOSE = 1e-15;
@@ -63,14 +65,20 @@ void Tents::in_section(double x, double y, int& quad, double& xi, double& eta) c
         }
 }
 
-void Tents::locate(int n, const double* place) {
+void Tents::locate(const State& s) {
+    const int n = s.n;
+    const double* place = s.x;
     node.assign(8 * std::size_t(n), -1), weight.assign(8 * std::size_t(n), 0.0);
     volume.resize(n);
     const double low = planes_.front(), high = planes_.back();
     const double per = (double(planes_.size()) - 1.0) / (high - low);
     for (int i = 0; i < n; ++i) {
-        const double x = place[4 * i], y = place[4 * i + 1], z = place[4 * i + 2], r = place[4 * i + 3];
+        const double r = place[4 * i + 3];
+        double at[3] = {place[4 * i], place[4 * i + 1], place[4 * i + 2]};
+        if (s.walls.kind == BENT) straighten(s.arc, place + 4 * i, at);
+        const double x = at[0], y = at[1], z = at[2];
         volume[i] = 4.0 / 3.0 * PI * r * r * r;
+        if (s.marks[i] & GHOST) continue;
         if (!(z >= low && z <= high)) continue;
         int quad = -1;
         double xi = 0.0, eta = 0.0;

@@ -1,11 +1,14 @@
 // SPDX-License-Identifier: LGPL-3.0-or-later
-// Grains in the mesh of a straight line: the nodal basis functions at their places.
+// Grains in the mesh of a line: the nodal basis functions at their places. In a bend they are those of
+// the straight line, from which the mesh is bent.
 //
 // The mesh is a section of quadrilaterals times layers along z. Its nodes are numbered layer by layer:
 // node = layer * nodes of the section + node of the section.
 #pragma once
 
 #include <vector>
+
+#include "grains_state.hpp"
 
 namespace fem_tfm::grains {
 
@@ -18,9 +21,10 @@ class Tents {
     int per_plane() const { return per_plane_; }
     int node_count() const { return per_plane_ * int(planes_.size()); }
 
-    // Find the grains, rows of (x, y, z, radius). One outside the section gets the weights of the nearest
+    // Find the grains, rows of (x, y, z, radius), One outside the section gets the weights of the nearest
     // point; one before the first plane or behind the last gets none.
-    void locate(int n, const double* place);
+    // Grains that another process moves get none either.
+    void locate(const State& s);
     // Add volume and volume times velocity of the grains to their nodes, in their order.
     void deposit(const double* motion, double* volume, double* momentum) const;
     // force of a grain = its volume times the sum of weight and nodal vector (nodes, 3)

@@ -69,6 +69,19 @@ class Arc:
         tangent = np.sin(phi) * self.normal + np.cos(phi) * np.array([0.0, 0.0, 1.0])
         return np.asarray(tangent)
 
+    def straightened_vectors(
+        self, x: npt.NDArray[np.float64], vectors: npt.NDArray[np.float64]
+    ) -> npt.NDArray[np.float64]:
+        """Vectors (n, 3) at points (n, 3) in the straight line: across as at the inlet, along z."""
+        phi = self._turned(x)[:, None]
+        ahead = np.array([0.0, 0.0, 1.0])
+        normal = np.cos(phi) * self.normal - np.sin(phi) * ahead
+        tangent = np.sin(phi) * self.normal + np.cos(phi) * ahead
+        turned = vectors - (vectors @ self.normal)[:, None] * self.normal
+        turned[:, 2] = (vectors * tangent).sum(axis=1)
+        turned += (vectors * normal).sum(axis=1)[:, None] * self.normal
+        return turned
+
     def _turned(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """Angle by which the axis has turned at points, shape (n,) [rad]."""
         phi = np.arctan2(x[:, 2] - self.before, self.radius - x @ self.normal)

@@ -45,6 +45,7 @@ def test_the_demos_have_twins() -> None:
     assert {"square_duct/developing", "square_duct/gas"} <= told
     assert {"square_duct/particles", "square_duct/two_way"} <= told
     assert {"dilute/bend", "dilute/pipe"} <= told
+    assert {"slug_tube/bend", "slug_tube/slug_tube"} <= told
 
 
 @pytest.mark.parametrize("demo", TWINS, ids=lambda demo: f"{demo.parent.name}/{demo.name}")

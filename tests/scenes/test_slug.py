@@ -3,16 +3,20 @@
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
 from typing import Any
 
 import meshio
 import numpy as np
 import pytest
+from mpi4py import MPI
 
 import fem_tfm as ft
 from fem_tfm.case import Case
 from fem_tfm.errors import InputError
+from fem_tfm.output.slug import pictures
+from fem_tfm.scenes.slug import told
 from fem_tfm.scenes.slug.recorder import TubeRecorder
 
 
@@ -78,6 +82,102 @@ def test_a_run_that_was_cut_short_goes_on_to_the_same_bits(
     assert tables[0] == tables[1]
 
 
+BEND: dict[str, Any] = {
+    "geometry.shape": "bend",
+    "geometry.bend_start": 0.02,
+    "geometry.bend_radius": 0.02,
+    "geometry.length": 0.08,
+    "walls.wear": {"model": "finnie", "K": 3.0},
+    "initial.state": "filled",
+    "numerics.end_time": 0.25,
+    "averages.begin": 0.1,
+    "averages.high": 0.07,
+    "output.interval": 0.09,
+    "output.pictures": False,
+}
+
+
+def test_a_bend_tells_its_drop_and_the_wear_of_its_wall_over_a_restart_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, step = tmp_path / "whole", TubeRecorder.step
+    whole = case(**BEND).scene.run(out)
+    assert 0 < whole["bend_drop"] < whole["pressure_gradient"] * 0.08
+    wall = meshio.read(out / "wall.vtu")
+    assert wall.cells[0].type == "triangle"
+    a, b, c = (wall.points[wall.cells[0].data[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    data = {name: values[0] for name, values in wall.cell_data.items()}
+    assert data["impacts"] @ area == pytest.approx(whole["impact_rate"], rel=1e-9)
+    assert data["removed"] @ area == pytest.approx(whole["wear"], rel=1e-9)
+    mean = (data["impacts"] * area) @ data["angle"] / whole["impact_rate"]
+    assert mean == pytest.approx(whole["impact_angle"], rel=1e-9)
+    assert 0 < whole["impact_angle"] < 90 and 0 < whole["impact_speed"] < 2
+
+    def cut(self: TubeRecorder) -> None:
+        step(self)
+        if self.tube.number == 311:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(TubeRecorder, "step", cut)
+    with pytest.raises(KeyboardInterrupt):
+        case(**BEND).scene.run(tmp_path / "cut")
+    monkeypatch.setattr(TubeRecorder, "step", step)
+    found = case(**BEND).scene.run(tmp_path / "cut", resume=True)
+    assert {name: found[name] for name in whole.quantities} == {
+        name: whole[name] for name in whole.quantities
+    }
+
+
+@pytest.mark.mpi
+def test_ranks_share_a_run_and_go_on_with_it(tmp_path: Path) -> None:
+    changes = {"initial.state": "filled", "averages.begin": 0.05, "walls.wear": "oka"}
+    changes |= {"closures.contact": "cundall-strack", "output.pictures": False}
+    first = case(**changes, **{"numerics.end_time": 0.1}).scene.run(tmp_path / "run")
+    found = case(**changes, **{"numerics.end_time": 0.2}).scene.run(tmp_path / "run", resume=True)
+    assert first.ranks == found.ranks == MPI.COMM_WORLD.size
+    for one in (first, found):
+        assert one.balances["grains"] == 0 and one["grains_in_tube"] > 500
+    rows = (tmp_path / "run" / "monitor.csv").read_text().splitlines()
+    assert len(rows) == 21 and {row.rpartition(",")[2] for row in rows[1:]} == {"0"}
+    samples = found.sections["samples"]
+    assert len(samples.time) == 20
+    # all ranks tell the same
+    values = MPI.COMM_WORLD.allgather({n: q.value for n, q in found.quantities.items()})
+    assert all(one == values[0] for one in values) and found["impact_rate"] > 0
+    inside = meshio.read(tmp_path / "run" / "grains_0001.vtu")
+    assert len(set(inside.point_data["number"])) == len(inside.points) == samples.count[-1]
+
+
+def test_no_slug_is_told_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    changes = {"operation.solids_mass_flow": 2e-5, "numerics.end_time": 0.3, "averages.begin": 0.1}
+    scene = case(**changes).scene
+    found = scene.run()
+    assert "slug_rate" not in found.quantities
+    assert any("no slug was followed between 0.02 and 0.09 m in 0.2 s" in w for w in found.warnings)
+    drawn: list[Any] = []
+    monkeypatch.setattr(pictures, "save_figure", lambda figure, *more: drawn.append(figure))
+    samples = found.sections["samples"].after(0.1)
+    columns, average = told.along(samples), told.profile(samples, scene)
+    pictures.slugs_picture("no.png", columns, average, seconds=0.2)
+    words = [text.get_text() for axes in drawn[0].axes for text in axes.texts]
+    assert words == 4 * ["no slug in 0.2 s"] + 5 * ["no slug there in 0.2 s"]
+
+
+def test_a_law_is_told_once() -> None:
+    assert case().scene.describe()["closures"] == [
+        "contact: viscous-coulomb",
+        "permeability: carman-kozeny",
+    ]
+    wall = case(**{"walls.contact": {"model": "viscous-coulomb", "friction": 0.1}}).scene
+    assert "contact with the wall: viscous-coulomb" in wall.describe()["closures"]
+
+
+def test_a_slug_tube_takes_no_cloud_of_particles() -> None:
+    names = inspect.signature(ft.Slug).parameters
+    assert not {"particles", "resolution"} & names.keys()
+
+
 def test_python_and_a_case_file_state_the_same_scene() -> None:
     made = ft.Slug(
         ft.DiscreteElements(ft.TubeGas(6.73e-5), ft.Grain(937.0, 1.4e-3)),
@@ -89,8 +189,8 @@ def test_python_and_a_case_file_state_the_same_scene() -> None:
     )
     assert case().scene == made
     assert Case.from_dict(case().tables).scene == made
-    told = made.describe()
-    assert "pressure of the gas" not in told["solved"] and "514 a second" in told["given"]
+    words = made.describe()
+    assert "pressure of the gas" not in words["solved"] and "514 a second" in words["given"]
 
 
 @pytest.mark.parametrize(
@@ -104,7 +204,9 @@ def test_python_and_a_case_file_state_the_same_scene() -> None:
         ({"operation.solids_mass_flow": 1.0}, "operation.solids_mass_flow"),
         ({"numerics.level": 3}, "numerics.level"),
         ({"particles.coupling": "one-way"}, "particles.coupling"),
-        ({"geometry.shape": "bend"}, "geometry.shape"),
+        ({"geometry.shape": "bend", "geometry.bend_start": 0.001}, "geometry.bend_start"),
+        ({"operation.solids_velocity": 3.0}, "operation.solids_velocity"),
+        ({"walls.wear": "archard"}, "walls.wear"),
     ],
 )
 def test_what_does_not_fit_is_refused_by_its_key(changes: dict[str, Any], key: str) -> None:

@@ -289,8 +289,3 @@ def test_grains_in_a_packed_tube_bear_all_but_the_share_of_the_wall() -> None:
 def test_an_odd_number_of_cells_is_refused() -> None:
     with pytest.raises(InputError, match="even number"):
         tube_mesh(TUBE, LENGTH, 3)
-
-
-def test_cells_smaller_than_a_grain_are_refused() -> None:
-    with pytest.raises(InputError, match=r"numerics\.cells_across"):
-        pressure(TUBE, 6, 60).check()

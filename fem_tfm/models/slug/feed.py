@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_tfm.errors import InputError
+from fem_tfm.geometry.arc import Arc
 from fem_tfm.geometry.section import RectangularSection, RoundSection, Section
 from fem_tfm.models.slug.grains import Grain, Grains
 
@@ -52,6 +53,7 @@ class Feed:
 
     mass_flow : of the grains [kg/s]; as many sites of a layer are left empty as it asks for
     speed : of the layers [m/s]
+    fastest : speed that layers may have [m/s]
 
     Raises InputError for a mass flow that full layers at this speed do not reach.
     """
@@ -60,16 +62,22 @@ class Feed:
     grain: Grain
     mass_flow: float
     speed: float
+    fastest: float = math.inf
 
     def __post_init__(self) -> None:
         most = len(sites(self.section, self.grain.largest_diameter)) * self.grain.mean_mass
         most /= self.interval
         if self.mass_flow > most:
             speed = self.speed * self.mass_flow / most
-            words = (
-                f"at most {most:g} kg/s, or grains would overlap: "
-                f"raise the speed of the feed to {speed:.3g} m/s"
-            )
+            words = f"at most {most:g} kg/s, which full layers have at {self.speed:g} m/s"
+            if speed <= self.fastest:
+                words += f"; raise operation.solids_velocity to {speed:.3g} m/s"
+            else:
+                reached = most * self.fastest / self.speed
+                words += (
+                    f"; not even the fastest feed, {self.fastest:.3g} m/s, brings in more than"
+                    f" {reached:.3g} kg/s"
+                )
             raise InputError("operation.solids_mass_flow", self.mass_flow, words)
 
     @property
@@ -141,11 +149,23 @@ class Feeder:
         self._random.bit_generator.state = json.loads(str(state["random"]))
 
 
-def filled(section: Section, grain: Grain, length: float, seed: int = 0) -> tuple[Array, Array]:
-    """Places (n, 3) and radii of grains that fill a tube with full layers, a diameter apart."""
+def filled(
+    section: Section,
+    grain: Grain,
+    length: float,
+    seed: int = 0,
+    *,
+    arc: Arc | None = None,
+    begin: float = 0.0,
+) -> tuple[Array, Array]:
+    """Places (n, 3) and radii of grains that fill a length of a tube with full layers.
+
+    Layers are a diameter apart, in an arc on its inner side. The first one begins at a place [m].
+    """
     random, size = np.random.default_rng(seed), grain.largest_diameter
     flat = sites(section, size)
-    layers = int(length / size)
+    along = _layers(section, size, begin, begin + length, arc)
+    layers = len(along)
     turn = (
         random.uniform(0, 2 * math.pi, layers)
         if isinstance(section, RoundSection)
@@ -153,6 +173,21 @@ def filled(section: Section, grain: Grain, length: float, seed: int = 0) -> tupl
     )
     c, s = np.cos(turn)[:, None], np.sin(turn)[:, None]
     x, y = c * flat[:, 0] - s * flat[:, 1], s * flat[:, 0] + c * flat[:, 1]
-    z = np.broadcast_to(((np.arange(layers) + 0.5) * size)[:, None], x.shape)
-    place = np.stack([x, y, z], axis=-1).reshape(-1, 3)
-    return place, grain.radii(len(place), random)
+    z = np.broadcast_to(along[:, None], x.shape)
+    place: Array = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    return place if arc is None else arc.bent(place), grain.radii(len(place), random)
+
+
+def _layers(section: Section, size: float, begin: float, end: float, arc: Arc | None) -> Array:
+    """Middles of full layers of grains of a size along the axis [m]."""
+    if arc is None:
+        number = int((end - begin) / size * (1 + SLACK))
+        return np.array([begin + (k + 0.5) * size for k in range(number)])
+    # the chord between two grains of the inner side is a diameter
+    inner = arc.radius - (section.size[0] - size) / 2
+    apart = 2 * arc.radius * math.asin(min(size / (2 * inner), 1.0))
+    found, place = list[float](), begin + size / 2
+    while place + size / 2 <= end:
+        found.append(place)
+        place += apart if arc.before < place + apart and place < arc.end else size
+    return np.array(found)

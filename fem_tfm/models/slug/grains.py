@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """Grains as discrete elements: what they are, where they are held, and their steps.
 
-Coordinates are those of the geometry: z along the tube, y up, the section around the origin. The
-steps run in the compiled kernel; the same input gives the same bits for any number of threads.
+Coordinates are those of the geometry: z along the tube at the inlet, y up, the section around the
+origin. The steps run in the compiled kernel; the same input gives the same bits for any number of
+threads.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from fem_tfm._kernel import grains as kernel
 from fem_tfm.closures.base import law
 from fem_tfm.closures.contacts import Coefficients, Contact
 from fem_tfm.errors import InputError, SolverError
+from fem_tfm.geometry.arc import Arc
 from fem_tfm.geometry.section import RectangularSection, RoundSection, Section
 from fem_tfm.parameters import Parameters, parameter
 
@@ -27,7 +29,7 @@ STEPS_PER_CONTACT = 10
 # contacts of a grain for which tangential damping must be stable
 CONTACTS = 7
 # kinds of walls in the kernel
-_OPEN, _ROUND, _RECTANGULAR = 0, 1, 2
+_OPEN, _ROUND, _RECTANGULAR, _BENT = 0, 1, 2, 3
 
 
 @dataclass(frozen=True)
@@ -121,26 +123,31 @@ def _check(time_step: float, limit: float, reason: str) -> None:
 class Walls:
     """Walls around grains: a section, None for free space, and closed ends at some z.
 
-    surface : triangles (n, 3, 3) that take the place of all other walls, such as those of a bend;
-        grains touch them from either side
+    surface : triangles (n, 3, 3) that take the place of all other walls; grains touch them from
+        either side
+    arc : in the axis of a round section, whose wall is then a torus between two cylinders
     """
 
     section: Section | None = None
     low: float | None = None
     high: float | None = None
     surface: Array | None = None
+    arc: Arc | None = None
 
     def apply(self, core: Any) -> None:
         """Tell the kernel."""
         kind, radius, width, height = _OPEN, 0.0, 0.0, 0.0
         if isinstance(self.section, RoundSection):
-            kind, radius = _ROUND, self.section.diameter / 2
+            kind = _ROUND if self.arc is None else _BENT
+            radius = self.section.diameter / 2
         elif isinstance(self.section, RectangularSection):
             kind = _RECTANGULAR
             width, height = self.section.width / 2, self.section.height / 2
         low, high = self.low or 0.0, self.high or 0.0
         ends = self.low is not None, self.high is not None
         core.set_walls(kind, radius, width, height, low, high, *ends)
+        if (arc := self.arc) is not None:
+            core.set_arc(arc.normal[:2].tolist(), arc.radius, arc.angle, arc.before)
         triangles = np.empty((0, 3, 3)) if self.surface is None else self.surface
         core.set_surface(np.ascontiguousarray(triangles, dtype=float).ravel())
 
@@ -201,6 +208,26 @@ class Grains:
         """Coefficients of the contacts between grains."""
         return self.grain.contact.coefficients(self.grain.mean_mass / 2, self.time_step)
 
+    # -- impacts on walls --------------------------------------------------------------------------
+
+    @property
+    def watched(self) -> bool:
+        """Whether impacts on the walls around are kept until `impacts` reads them."""
+        return bool(self._core.watching)
+
+    @watched.setter
+    def watched(self, on: bool) -> None:
+        self._core.watching = on
+
+    def impacts(self) -> Array:
+        """Impacts since the last call, rows (n, 8).
+
+        A grain makes one when it comes to touch the wall: place of the contact (3) [m], speed and
+        speed along the normal [m/s], mass [kg] and radius [m] of the grain, and its number. A grain
+        that slides or rolls on the wall makes none.
+        """
+        return np.asarray(self._core.impacts())
+
     # -- coming and going --------------------------------------------------------------------------
 
     def add(
@@ -220,14 +247,14 @@ class Grains:
         v = np.ascontiguousarray(np.broadcast_to(np.asarray(velocity, dtype=float), x.shape))
         given = self.grain.diameter / 2 if radius is None else radius
         r = np.ascontiguousarray(np.broadcast_to(np.asarray(given, dtype=float), n))
-        _check_overlap(x, r)
+        check_overlap(x, r)
         number = np.arange(self._next, self._next + n)
         held_all = np.full(n, held, dtype=np.uint8)
         self._core.add(x, v, r, self.grain.masses(r), held_all, number)
         self._next += n
 
     def remove_beyond(self, z: float) -> int:
-        """Take out the grains whose centres are beyond z [m]; returns how many."""
+        """Take out the grains whose centres are beyond a place along the axis [m]; how many."""
         return len(self._core.remove_beyond(z))
 
     # -- steps -------------------------------------------------------------------------------------
@@ -265,6 +292,11 @@ class Grains:
     def place(self) -> Array:
         """Centres (n, 3) [m]."""
         return self._core.place[:, :3].copy()
+
+    @property
+    def straight(self) -> Array:
+        """Centres in the straight line, (x, y, s) with s along the axis, (n, 3) [m]."""
+        return np.asarray(self._core.straight())
 
     @property
     def radius(self) -> Array:
@@ -317,6 +349,18 @@ class Grains:
         if spin is not None:
             self._core.motion[:, 4:7] = np.asarray(spin) * self._core.place[:, 3:]
 
+    def inside(self) -> int:
+        """Grains inside; of all processes, where several share them."""
+        return self.count
+
+    def everything(self) -> Any:
+        """The grains, of all processes where several share them."""
+        return self
+
+    def total(self, *values: Array) -> tuple[Array, ...]:
+        """Sums of arrays over the processes that share the grains."""
+        return values
+
     def kinetic_energy(self) -> float:
         """Of motion and spin [J]."""
         motion = self._core.motion
@@ -333,10 +377,15 @@ class Grains:
         """Put back what `state` gave; the steps that follow have the same bits."""
         given = {name: np.ascontiguousarray(value) for name, value in state.items()}
         self._next = int(given.pop("next")[0])
-        self._core.load(given)
+        # several processes leave rows without a list of neighbours
+        if "origin" in given:
+            self._core.load(given)
+        else:
+            self._core.set_rows(given)
 
 
-def _check_overlap(x: Array, r: Array) -> None:
+def check_overlap(x: Array, r: Array) -> None:
+    """Raise InputError for spheres that overlap by more than a tenth of a radius."""
     from scipy.spatial import cKDTree
 
     if len(x) < 2:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
 """The tube's mesh of hexahedra: its nodes in an order along the tube, and grains in its cells.
 
-The mesh is a section of quadrilaterals times layers along z, on one process. Node number
+The mesh is a section of quadrilaterals times layers along the axis, on one process. Node number
 layer * (nodes of the section) + node of the section makes every matrix a narrow band.
 """
 
@@ -12,9 +12,11 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 from mpi4py import MPI
+from scipy.spatial import cKDTree
 
 from fem_tfm._kernel import grains as kernel
 from fem_tfm.errors import InputError
+from fem_tfm.geometry.arc import Arc
 from fem_tfm.geometry.mesh import Mesh, extruded_mesh
 from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.section import RoundSection, Section
@@ -23,15 +25,24 @@ from fem_tfm.models.slug.grains import Grains
 Array = npt.NDArray[np.float64]
 # Gauss points of all integrals, in UFL and in tables: exact for three basis functions of a brick
 DEGREE = 3
+# volume of the least node over that of a grain
+LEAST_VOLUME = 0.3
 # digits to which nodes of one plane agree
 ROUNDING = 9
 
 
-def tube_mesh(section: Section, length: float, across: int, layers: int | None = None) -> Mesh:
+def tube_mesh(
+    section: Section,
+    length: float,
+    across: int,
+    layers: int | None = None,
+    arc: Arc | None = None,
+) -> Mesh:
     """Straight-edged hexahedra with the area of the section.
 
     across : cells across the section, an even number, or 1 in a round section
     layers : along the tube, default half as long as the section is wide, or cells as long as wide
+    arc : in the axis, None for a straight tube
 
     Raises InputError for another number of cells across.
     """
@@ -47,22 +58,42 @@ def tube_mesh(section: Section, length: float, across: int, layers: int | None =
         length,
         layers or max(round(length / width), 1),
         MPI.COMM_SELF,
+        arc=arc,
         order=1,
         layout=("block" if across == 1 else "blocks") if round_section else None,
         fills=round_section,
     )
 
 
+def by_cell(values: Array, table: Array) -> Array:
+    """Rows of the cells (quads, layers, a) times their tables (quads, layers or 1, a, b)."""
+    if table.shape[1] == 1:
+        return np.asarray(values @ table[:, 0])
+    return np.asarray((values[:, :, None] @ table)[:, :, 0])
+
+
+def _along_the_tube(straight: Array) -> tuple[npt.NDArray[np.int64], int]:
+    """Order of nodes, plane by plane and in each as at the inlet, and nodes of a plane."""
+    s, size = straight[:, 2], np.abs(straight).max()
+    low, length = s.min(), np.ptp(s)
+    first = np.flatnonzero(s - low < 1e-7 * size)
+    layer = np.rint((s - low) / length * (len(s) // len(first) - 1))
+    flat = np.round(straight[first, :2] / size, ROUNDING)
+    first = first[np.lexsort((flat[:, 0], flat[:, 1]))]
+    place = cKDTree(straight[first, :2]).query(straight[:, :2])[1]
+    return np.lexsort((place, layer)), len(first)
+
+
 class TubeMesh:
     """Continuous trilinear functions on the tube's mesh, by their nodal values in tube order.
 
-    All slices are alike: a cell is a quadrilateral of the section in a layer, and what belongs to a
-    cell is an array (quads, layers, ...).
+    A cell is a quadrilateral of the section in a layer, and what belongs to a cell is an array
+    (quads, layers, ...). In a straight tube all slices are alike: tables then have one layer.
 
     space : of DOLFINx
     order : dof of DOLFINx of each node; node of each dof is `rank`
-    points : places of the nodes (n, 3) [m]
-    planes : heights of the planes of nodes (layers + 1,) [m]
+    points, straight : places of the nodes (n, 3), and those in the straight line [m]
+    planes : places of the planes of nodes along the axis (layers + 1,) [m]
     cells : nodes of the cells (quads, layers, 8)
     volumes : integrals of the nodal basis functions (n,) [m3]
     """
@@ -73,19 +104,17 @@ class TubeMesh:
         self.mesh = mesh
         self.space = fem.functionspace(mesh.mesh, ("Lagrange", 1))
         points = self.space.tabulate_dof_coordinates()
-        flat = np.round(points / np.abs(points).max(), ROUNDING)
-        self.order = np.lexsort((flat[:, 0], flat[:, 1], flat[:, 2]))
+        straight = mesh.straightened(points)
+        self.order, self.per_plane = _along_the_tube(straight)
         self.rank = np.empty_like(self.order)
         self.rank[self.order] = np.arange(len(points))
-        self.points = points[self.order]
-        layers = len(np.unique(flat[:, 2]))
-        self.per_plane = len(points) // layers
-        self.planes = self.points[:: self.per_plane, 2].copy()
+        self.points, self.straight = points[self.order], straight[self.order]
+        self.planes = self.straight[:: self.per_plane, 2].copy()
         self.cells = self._cells()
         self._check_slices()
         self._tabulate()
         self.volumes = self.integrals(np.ones((*self.cells.shape[:2], self.weights.shape[-1])))
-        corners = np.ascontiguousarray(self.points[self.cells[:, 0, :4], :2])
+        corners = np.ascontiguousarray(self.straight[self.cells[:, 0, :4], :2])
         self.tents = kernel.Tents(corners, self.cells[:, 0, :4].astype(np.int32), self.planes)
 
     def _cells(self) -> npt.NDArray[np.int64]:
@@ -98,29 +127,30 @@ class TubeMesh:
         return found[number].reshape(layers, -1, 8).swapaxes(0, 1).copy()
 
     def _check_slices(self) -> None:
-        """All slices hold the same cells, or their tables would differ."""
-        size = np.abs(self.points).max()
-        planes = self.points.reshape(-1, self.per_plane, 3)
+        """All slices of the straight line hold the same cells."""
+        size = np.abs(self.straight).max()
+        planes = self.straight.reshape(-1, self.per_plane, 3)
         assert np.allclose(planes[:, :, :2], planes[0, :, :2], atol=1e-7 * size)
         assert np.allclose(np.diff(self.planes), self.length / (len(self.planes) - 1))
         steps = self.per_plane * np.arange(self.cells.shape[1])[:, None]
         assert (self.cells - steps == self.cells[:, :1]).all()
 
     def _tabulate(self) -> None:
-        """Basis functions and gradients at the points of the quadrature in the first slice."""
+        """Basis functions and gradients at the points of the quadrature, in slices that differ."""
         points, weights = basix.make_quadrature(basix.CellType.hexahedron, DEGREE)
         element = basix.ufl.element("Lagrange", "hexahedron", 1)
         table = np.asarray(element.tabulate(1, points))
-        corners = self.points[self.cells[:, 0]]
-        jacobian = np.einsum("cad,eqa->cqde", corners, table[1:])
-        # basis functions (points, 8), gradients (quads, points, 8, 3), weights (quads, 1, points)
+        corners = self.points[self.cells[:, : None if self.mesh.arc else 1]]
+        jacobian = np.einsum("clad,eqa->clqde", corners, table[1:])
+        # basis functions (points, 8), gradients (quads, layers or 1, points, 8, 3), weights (quads,
+        # layers or 1, points)
         self.basis = table[0]
-        self.gradients = np.einsum("cqed,eqa->cqad", np.linalg.inv(jacobian), table[1:])
-        self.weights = (np.abs(np.linalg.det(jacobian)) * weights)[:, None, :]
-        quads, size = len(corners), len(points)
+        self.gradients = np.einsum("clqed,eqa->clqad", np.linalg.inv(jacobian), table[1:])
+        self.weights = np.abs(np.linalg.det(jacobian)) * weights
+        shape = (*corners.shape[:2], 8, 3 * len(points))
         # from the nodes of a cell to slopes (component, point), and back
-        self._slopes = self.gradients.transpose(0, 2, 3, 1).reshape(quads, 8, 3 * size).copy()
-        self._slopes_back = self._slopes.swapaxes(1, 2).copy()
+        self._slopes = self.gradients.transpose(0, 1, 3, 4, 2).reshape(shape).copy()
+        self._slopes_back = self._slopes.swapaxes(2, 3).copy()
 
     @property
     def size(self) -> int:
@@ -142,6 +172,10 @@ class TubeMesh:
         """Nodal values of an array of DOLFINx."""
         return dofs[self.order]
 
+    def least(self, diameter: float) -> float:
+        """Volume of the least node over that of a grain of a diameter [m]."""
+        return float(self.volumes.min() / (np.pi / 6 * diameter**3))
+
     # -- points of the quadrature ------------------------------------------------------------------
 
     def value(self, nodal: Array) -> Array:
@@ -155,7 +189,7 @@ class TubeMesh:
 
     def slope(self, nodal: Array) -> Array:
         """Gradient of a function at the points (quads, layers, 3, points)."""
-        found = nodal[self.cells] @ self._slopes
+        found = by_cell(nodal[self.cells], self._slopes)
         return np.asarray(found).reshape(*found.shape[:2], 3, -1)
 
     def integrals(self, values: Array) -> Array:
@@ -165,7 +199,8 @@ class TubeMesh:
     def integrals_of_slopes(self, vectors: Array) -> Array:
         """Integrals of vectors at the points with each basis function's gradient."""
         weighted = vectors * self.weights[:, :, None]
-        return self._summed(weighted.reshape(*weighted.shape[:2], -1) @ self._slopes_back)
+        flat = weighted.reshape(*weighted.shape[:2], -1)
+        return self._summed(by_cell(flat, self._slopes_back))
 
     def _summed(self, local: Array) -> Array:
         return np.bincount(self.cells.ravel(), local.ravel(), minlength=self.size)

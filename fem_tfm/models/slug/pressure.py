@@ -16,16 +16,14 @@ import numpy.typing as npt
 from dolfinx import fem
 from scipy.linalg import lapack
 
-from fem_tfm.errors import InputError, SolverError
+from fem_tfm.errors import SolverError
 from fem_tfm.fenics import compile_forms
 from fem_tfm.models.slug.forms import GasForms
 from fem_tfm.models.slug.gas import TubeGas, resistance
 from fem_tfm.models.slug.grains import Grains
-from fem_tfm.models.slug.mesh import TubeMesh
+from fem_tfm.models.slug.mesh import TubeMesh, by_cell
 
 Array = npt.NDArray[np.float64]
-# volume of the least node over that of a grain
-LEAST_VOLUME = 0.3
 
 
 class Band:
@@ -39,13 +37,14 @@ class Band:
     def __init__(self, tube: TubeMesh) -> None:
         self.unknowns = tube.size - tube.per_plane
         g, nodes = tube.gradients, tube.cells[:, 0]
-        products = np.einsum("cq,cqad,cqbd->cqab", tube.weights[:, 0], g, g)
+        products = np.einsum("clq,clqad,clqbd->clqab", tube.weights, g, g)
         quads = len(products)
         # the same pairs of nodes in all slices, the greater number first
         pairs = [np.nonzero(one[:, None] >= one) for one in nodes]
         first, second = (np.array([pair[k] for pair in pairs]) for k in (0, 1))
         number = np.arange(quads)[:, None]
-        self._table = products.transpose(0, 2, 3, 1)[number, first, second].swapaxes(1, 2).copy()
+        table = products.transpose(0, 3, 4, 1, 2)[number, first, second]
+        self._table = table.transpose(0, 2, 3, 1).copy()
         a, b = (np.take_along_axis(tube.cells, one[:, None], axis=2) for one in (first, second))
         self.width = int((a - b).max())
         self._size = (self.width + 1) * self.unknowns
@@ -54,7 +53,7 @@ class Band:
 
     def __call__(self, mobility: Array) -> Array:
         """Lower band (width + 1, unknowns)."""
-        values = (mobility @ self._table).ravel()
+        values = by_cell(mobility, self._table).ravel()
         found = np.bincount(self._place, values, minlength=self._size + 1)[:-1]
         return found.reshape(self.width + 1, self.unknowns)
 
@@ -83,13 +82,6 @@ class GasPressure:
         forms = GasForms(self.tube, self.gas, self.diameter, nothing, nothing, nothing)
         (form,) = compile_forms([forms.inlet()])
         return self.tube.nodal(fem.assemble_vector(form).array)
-
-    def check(self) -> None:
-        """Raise InputError for cells that are hardly larger than a grain."""
-        least = float(self.tube.volumes.min() / (np.pi / 6 * self.diameter**3))
-        if least < LEAST_VOLUME:
-            words = f"fewer, or a node would have a volume below {LEAST_VOLUME} grains"
-            raise InputError("numerics.cells_across", f"{least:.2g} grains a node", words)
 
     # -- the grains --------------------------------------------------------------------------------
 

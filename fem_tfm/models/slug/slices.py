@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Averages over slices of the tube, sampled in time."""
+"""Averages over slices along the axis of the tube, sampled in time."""
 
 from __future__ import annotations
 
@@ -41,7 +41,8 @@ class Samples:
 
     area : of the section [m2], grain_volume : mean volume of a grain [m3]
     solids : volume fraction of the grains
-    flux : of grain volume (slices, 3) [m/s]; over `solids` it is their velocity
+    flux : of grain volume (slices, 3), across and along the tube [m/s]; over `solids` it is their
+        velocity
     square : solids times the mean square of the grains' velocity [m2/s2]
     drag : force of the gas on the grains along the tube, per volume of the tube [N/m3]
     contact : force of grains and walls on the grains along the tube [N/m3]
@@ -87,19 +88,23 @@ class Sampler:
     """Takes samples of a tube: `tube.run(31.0, sampler)`.
 
     slice_length : of the slices [m], made to fit the tube
+
+    fastest : speed of the fastest grain in the last sample [m/s]
     """
 
     def __init__(self, tube: SlugTube, slice_length: float = SLICE) -> None:
         length = tube.shape.length
         number = max(round(length / slice_length), 1)
         volume = tube.grains.grain.mean_mass / tube.grains.grain.density
+        self.fastest = 0.0
         self.samples = Samples(np.linspace(0.0, length, number + 1), tube.section.area, volume)
 
     def __call__(self, tube: SlugTube) -> None:
         """Take one sample."""
-        s, grains = self.samples, tube.grains
-        place, radius, velocity = grains.place, grains.radius, grains.velocity
-        number, volume = shares(place[:, 2], radius, s.edges)
+        s, grains = self.samples, tube.grains.everything()
+        along, radius = grains.straight[:, 2], grains.radius
+        velocity = tube.in_line(grains.place, grains.velocity)
+        number, volume = shares(along, radius, s.edges)
         width, size = s.edges[1] - s.edges[0], len(s.edges) - 1
         part = volume / (4 / 3 * np.pi * radius[:, None] ** 3)
 
@@ -112,10 +117,13 @@ class Sampler:
         s.solids.append(total(volume, np.ones(len(radius))))
         s.flux.append(np.stack([total(volume, velocity[:, d]) for d in range(3)], axis=-1))
         s.square.append(total(volume, (velocity**2).sum(axis=1)))
-        s.drag.append(total(part, grains.gas_force[:, 2]))
-        s.contact.append(total(part, grains.grain_force[:, 2] + grains.wall_force[:, 2]))
+        drag = tube.in_line(grains.place, grains.gas_force)
+        contact = tube.in_line(grains.place, grains.grain_force + grains.wall_force)
+        s.drag.append(total(part, drag[:, 2]))
+        s.contact.append(total(part, contact[:, 2]))
         pressing = total(part, grains.wall_pressing)
         s.wall_stress.append(pressing * s.area / tube.section.perimeter)
         s.pressure.append(tube.gas.along())
         s.drop.append(tube.gas.drop)
         s.count.append(grains.count)
+        self.fastest = float(np.linalg.norm(velocity, axis=1).max(initial=0.0))

@@ -9,6 +9,8 @@ from dataclasses import MISSING, dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+import numpy.typing as npt
+from mpi4py import MPI
 
 from fem_tfm.errors import InputError
 from fem_tfm.geometry.section import Section
@@ -16,8 +18,9 @@ from fem_tfm.geometry.shapes import Bend, Shape
 from fem_tfm.models.slug.feed import Feed, Feeder, filled
 from fem_tfm.models.slug.gas import TubeGas
 from fem_tfm.models.slug.grains import STEPS_PER_CONTACT, Grain, Grains, Walls
-from fem_tfm.models.slug.mesh import TubeMesh, tube_mesh
+from fem_tfm.models.slug.mesh import LEAST_VOLUME, TubeMesh, tube_mesh
 from fem_tfm.models.slug.pressure import GasPressure
+from fem_tfm.models.slug.ranks import SharedGrains
 from fem_tfm.parameters import Parameters, parameter
 
 # a time step that is not given is this share of the longest one
@@ -85,8 +88,12 @@ class SlugTube:
     fed, out, start : grains fed so far, out at the end, inside at the beginning; always
         start + fed = inside + out
 
-    Raises InputError where grains do not fit into the tube or the feed, for a time step that cannot
-    follow a contact, and for a bend.
+    comm : processes that share the grains; each of them solves for the whole gas
+
+    A bend is a round tube with an arc in its axis: places "along" are then along the axis.
+
+    Raises InputError where grains do not fit into the tube, the bend or the feed, and for a time
+    step that cannot follow a contact.
     """
 
     def __init__(
@@ -99,31 +106,40 @@ class SlugTube:
         *,
         full: bool = False,
         seed: int = 0,
+        comm: MPI.Comm = MPI.COMM_SELF,
     ) -> None:
-        if isinstance(shape, Bend):
-            raise InputError("geometry.shape", shape.shape, "'pipe' or 'duct' for a slug tube")
         self.shape, self.conveying = shape, conveying
         self.steps = steps or Steps()
         self.section: Section = shape.section("none")
-        walls = Walls(self.section, low=0.0)
+        walls = Walls(self.section, low=0.0, arc=shape.arc)
         walls.check(grain.largest_diameter)
-        feed = Feed(self.section, grain, conveying.solids_mass_flow, conveying.solids_velocity)
+        if isinstance(shape, Bend):
+            _check_bend(shape, grain.largest_diameter)
+        fastest = _fastest_feed(conveying, self.steps, grain)
+        feed = Feed(
+            self.section,
+            grain,
+            conveying.solids_mass_flow,
+            conveying.solids_velocity,
+            fastest,
+        )
         self.feeder = Feeder(feed, seed)
         self.inner_steps = self.steps.grain_steps(grain)
-        self.grains = Grains(
-            grain,
-            walls,
-            self.steps.gas_step / self.inner_steps,
-            shape.gravity_vector(conveying.gravity),
-            skin=self.steps.skin,
-            release=feed.release,
-            threads=self.steps.threads,
-        )
-        mesh = tube_mesh(
-            self.section, shape.length, self.steps.cells_across, self.steps.cells_along
-        )
-        self.gas = GasPressure(TubeMesh(mesh), gas, grain.diameter)
-        self.gas.check()
+        given: dict[str, Any] = {
+            "skin": self.steps.skin,
+            "release": feed.release,
+            "threads": self.steps.threads,
+        }
+        moved = (grain, walls, self.steps.gas_step / self.inner_steps)
+        gravity = shape.gravity_vector(conveying.gravity)
+        if comm.size > 1:
+            self.grains: Grains = SharedGrains(
+                *moved, gravity, comm=comm, length=shape.length, **given
+            )
+        else:
+            self.grains = Grains(*moved, gravity, **given)
+        mesh = _gas_mesh(shape, self.steps, grain.diameter)
+        self.gas = GasPressure(mesh, gas, grain.diameter)
         self.number, self.out, self.start = 0, 0, 0
         if full:
             self._fill(grain, seed)
@@ -131,9 +147,10 @@ class SlugTube:
     def _fill(self, grain: Grain, seed: int) -> None:
         # the first layer that is fed touches the first one inside
         room = self.shape.length - grain.largest_diameter
-        place, radius = filled(self.section, grain, room, seed + 1)
-        place[:, 2] += grain.largest_diameter / 2
-        self.grains.add(place, (0.0, 0.0, self.conveying.solids_velocity), radius)
+        begin, arc = grain.largest_diameter / 2, self.shape.arc
+        place, radius = filled(self.section, grain, room, seed + 1, arc=arc, begin=begin)
+        ahead = np.array([0.0, 0.0, 1.0]) if arc is None else arc.axis(place)
+        self.grains.add(place, self.conveying.solids_velocity * ahead, radius)
         self.start = len(place)
 
     @property
@@ -153,6 +170,17 @@ class SlugTube:
         solids = c.solids_mass_flow / (self.grains.grain.density * self.section.area)
         return c.gas_velocity + solids
 
+    def impacts(self) -> npt.NDArray[np.float64]:
+        """Impacts on the walls since the last call, as Grains.impacts has them."""
+        return self.grains.impacts()
+
+    def in_line(
+        self, place: npt.NDArray[np.float64], vectors: npt.NDArray[np.float64]
+    ) -> npt.NDArray[np.float64]:
+        """Vectors (n, 3) at places (n, 3) [m] by their components across and along the tube."""
+        arc = self.shape.arc
+        return vectors if arc is None else arc.straightened_vectors(place, vectors)
+
     def step(self) -> None:
         """Take one step of the gas and its steps of the grains.
 
@@ -166,9 +194,13 @@ class SlugTube:
         self.grains.record()
         self.number += 1
         self.out += self.grains.remove_beyond(self.shape.length)
-        self.gas.take(self.grains)
+        self._give()
         self.gas.step(self.steps.gas_step, self.inflow)
         self.gas.push(self.grains)
+
+    def _give(self) -> None:
+        """Give the gas porosity and velocity of all grains."""
+        self.gas.set_grains(*self.grains.total(*self.gas.tube.spread(self.grains)))
 
     def run(
         self,
@@ -208,4 +240,53 @@ class SlugTube:
             own = {k.partition(".")[2]: v for k, v in state.items() if k.startswith(f"{name}.")}
             part.restore(own)
         self.number, self.out, self.start = (int(n) for n in state["tube.numbers"])
-        self.gas.take(self.grains)
+        self._give()
+
+
+def _check_bend(bend: Bend, diameter: float) -> None:
+    """Raise InputError for a bend through which layers and grains of a diameter [m] do not go."""
+    if bend.legs[0] < diameter:
+        words = f"at least {diameter:g} m, a grain's diameter: layers are pushed in straight"
+        raise InputError("geometry.bend_start", bend.legs[0], words)
+    least = bend.diameter / 2 + diameter
+    if bend.axis_radius < least:
+        words = f"at least {least:g} m, half the tube's diameter and a grain's"
+        raise InputError("geometry.bend_radius", bend.axis_radius, words)
+
+
+def _gas_mesh(shape: Shape, steps: Steps, diameter: float) -> TubeMesh:
+    """The mesh of the pressure; raises InputError for cells hardly larger than a grain."""
+
+    def made(across: int, along: int | None) -> TubeMesh:
+        section = shape.section("none")
+        return TubeMesh(tube_mesh(section, shape.length, across, along, shape.arc))
+
+    mesh = made(steps.cells_across, steps.cells_along)
+    if mesh.least(diameter) >= LEAST_VOLUME:
+        return mesh
+    reason = f"or a node of the gas's mesh would have less than the volume of {LEAST_VOLUME} grains"
+    for across in range(steps.cells_across - 2, 1, -2):
+        if made(across, steps.cells_along).least(diameter) >= LEAST_VOLUME:
+            raise InputError("numerics.cells_across", steps.cells_across, f"{across}, {reason}")
+    # volumes of nodes are as cells are long
+    beside = ""
+    if steps.cells_across > 2:
+        mesh, beside = made(2, steps.cells_along), " with numerics.cells_across = 2"
+    layers = mesh.cells.shape[1]
+    most = int(layers * mesh.least(diameter) / LEAST_VOLUME)
+    if most < 1:
+        words = f"smaller grains or a wider tube, {reason}"
+        raise InputError("solids.diameter", diameter, words)
+    raise InputError("numerics.cells_along", layers, f"at most {most}{beside}, {reason}")
+
+
+def _fastest_feed(conveying: Conveying, steps: Steps, grain: Grain) -> float:
+    """Speed that layers may have [m/s]; raises InputError where they are faster."""
+    speed, most = conveying.solids_velocity, grain.largest_diameter / steps.gas_step
+    if speed > most:
+        words = (
+            f"at most {most:.3g} m/s, a grain's diameter in a step of the gas"
+            f" (numerics.gas_step = {steps.gas_step:g} s), or layers would appear inside each other"
+        )
+        raise InputError("operation.solids_velocity", speed, words)
+    return most

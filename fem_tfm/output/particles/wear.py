@@ -109,18 +109,26 @@ class WearMap:
         }  # fmt: skip
         write_profiles(out / "wear.csv", self.columns(), units)
         if pictures:
-            wear_picture(out / "wear.png", self.edges, self.columns()["removed"], title)
+            table = self.columns()["removed"].reshape(-1, SECTORS)
+            around = np.linspace(0, 1, SECTORS + 1)
+            wear_picture(out / "wear.png", self.edges, around, table, title)
 
 
 def wear_picture(
-    path: str | Path, edges: Sequence[float], removed: NDArray[np.float64], title: str = ""
+    path: str | Path,
+    edges: Sequence[float] | NDArray[np.float64],
+    around: NDArray[np.float64],
+    removed: NDArray[np.float64],
+    title: str = "",
 ) -> None:
-    """Draw what the walls lose over the way and around the axis, counted from the right (+x)."""
+    """Draw what the walls lose over the way and around the axis, counted from the right (+x).
+
+    edges, around : of the stretches [m], and of the sectors as a share of the perimeter
+    removed : of stretches and sectors [kg/s/m2]
+    """
     figure = Figure(figsize=(9.0, 3.6), layout="constrained")
     axes = figure.subplots()
-    table = removed.reshape(-1, SECTORS).T
-    around = np.linspace(0, 360, SECTORS + 1)
-    image = axes.pcolormesh(edges, around, table, cmap="inferno", shading="flat")
+    image = axes.pcolormesh(edges, 360 * around, removed.T, cmap="inferno", shading="flat")
     bar = figure.colorbar(image, ax=axes)
     bar.set_label("wear [kg/s/m²]", fontsize=9)
     axes.set_yticks((0, 90, 180, 270, 360), ("right", "top", "left", "bottom", "right"))

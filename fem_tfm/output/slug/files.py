@@ -8,6 +8,7 @@ profile.csv         the average slug
 porosity.png        porosity over place and time
 slugs.png           numbers of the slugs along the tube, and the average slug
 film.gif            the grains of the last second or so
+wall.vtu, wear.csv, wear.png   impacts on the walls, where wear is asked for
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from fem_tfm.output.files import replaced, write_text
 FILES = (
     "result.json", "report.html", "monitor.csv", "run.log", "fields.xdmf", "fields.h5",
     "grains.pvd", "slugs.csv", "along.csv", "profile.csv", "porosity.png", "slugs.png", "film.gif",
+    "wall.vtu", "wear.csv", "wear.png",
 )  # fmt: skip
 
 

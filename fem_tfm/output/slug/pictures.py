@@ -56,8 +56,11 @@ def slugs_picture(
     along: Mapping[str, Floats],
     profile: Mapping[str, Floats],
     title: str = "",
+    seconds: float = 0.0,
 ) -> None:
     """Draw numbers of the slugs by their place and the average slug, with standard errors.
+
+    Panels of a time [s] in which there was no slug say so.
 
     along : "place" [m], and a column with "<name> error" for each of `PANELS`
     profile : "offset" [m], and likewise for each of `SLUG_PANELS`
@@ -70,10 +73,15 @@ def slugs_picture(
     )
     for axes_row, (at, label, columns, panels) in zip(grid, rows, strict=True):
         for axes, (name, what) in zip(axes_row, panels, strict=False):
-            _curve(axes, 100 * columns[at], columns, name)
+            if np.nansum(np.abs(columns["rate" if at == "place" else name])) == 0:
+                words = f"no slug{' there' if at == 'offset' else ''} in {seconds:.3g} s"
+                axes.text(0.5, 0.5, words, ha="center", fontsize=8, transform=axes.transAxes)
+                axes.set_axis_off()
+            else:
+                _curve(axes, 100 * columns[at], columns, name)
             axes.set_xlabel(label, fontsize=8)
             axes.set_title(what, fontsize=9)
-    if "contact" in profile:
+    if "contact" in profile and np.isfinite(profile["contact"]).any():
         _curve(grid[1, 3], 100 * profile["offset"], profile, "contact", "#d1782b")
     grid[0, 4].set_axis_off()
     save_figure(figure, path, title)
@@ -91,16 +99,21 @@ def _curve(
 
 
 def film(
-    path: str | Path, frames: Sequence[tuple[float, Floats, Floats]], length: float, height: float
+    path: str | Path,
+    frames: Sequence[tuple[float, Floats, Floats]],
+    box: tuple[float, float, float, float],
+    bent: bool = False,
 ) -> None:
-    """A GIF of the grains from the side, coloured by their speed along the tube.
+    """A GIF of the grains in a plane, coloured by their speed along the tube.
 
-    frames : time [s]; z, y and radius (n, 3) [m]; velocity (n,) [m/s]
-    length, height : of the tube [m]
+    frames : time [s]; places in the plane and radius (n, 3) [m]; velocity (n,) [m/s]
+    box : left, bottom, right and top of the tube [m]
+    bent : whether both directions have the same scale
     """
     fastest = max(max((float(v.max(initial=0.0)) for _, _, v in frames), default=0.0), 1e-9)
-    figure = Figure(figsize=(10.0, 1.3), dpi=90)
-    axes = figure.add_axes((0.05, 0.38, 0.93, 0.42))
+    figure = Figure(figsize=(6.5, 6.5) if bent else (10.0, 1.3), dpi=90)
+    axes = figure.add_axes((0.05, 0.1, 0.93, 0.83) if bent else (0.05, 0.38, 0.93, 0.42))
+    left, bottom, right, top = (100 * side for side in box)
 
     def draw(number: int) -> list[Any]:
         time, at, v = frames[number]
@@ -112,8 +125,10 @@ def film(
         )  # fmt: skip
         circles.set_clim(0, fastest)
         axes.add_collection(circles)
-        axes.set_xlim(0, 100 * length)
-        axes.set_ylim(-50 * height, 50 * height)
+        axes.set_xlim(left, right)
+        axes.set_ylim(bottom, top)
+        if bent:
+            axes.set_aspect("equal")
         axes.set_yticks(())
         axes.tick_params(labelsize=7)
         axes.set_xlabel("z [cm]", fontsize=8)

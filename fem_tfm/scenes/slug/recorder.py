@@ -19,6 +19,7 @@ from fem_tfm.output.files import on_root
 from fem_tfm.output.profiles import drop_after
 from fem_tfm.output.result import Result
 from fem_tfm.output.slug import files
+from fem_tfm.output.slug.wear import WallWear
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.slug import told
 
@@ -47,7 +48,7 @@ class Section:
 class TubeRecorder(Recorder):
     """What a run of a tube tells and keeps.
 
-    Every rank follows the same tube, with the same bits; the first one tells.
+    Ranks share the grains; samples of all of them are on every rank, and the first one tells.
     """
 
     def __init__(self, scene: Any, setting: Setting) -> None:
@@ -61,6 +62,9 @@ class TubeRecorder(Recorder):
         self._writer: FieldWriter | None = None
         self._series: files.Series | None = None
         self._frames: list[tuple[float, NDArray[np.float64], NDArray[np.float64]]] = []
+        # impacts since the last sample
+        self._impacts: list[NDArray[np.float64]] = []
+        self.wear: WallWear | None = None
 
     def begin(self, tube: SlugTube) -> None:
         """The tube stands at its start, or where a checkpoint was written."""
@@ -70,6 +74,9 @@ class TubeRecorder(Recorder):
         self._sample = max(round(self.scene.averages.interval / step), 1)
         self._output = max(round(self.scene.interval / step), 1)
         self._last = round(numerics.end_time / step)
+        if self.scene.model.wear is not None:
+            tube.grains.watched = True
+            self.wear = WallWear(self.scene.wall_surface())
         if self.resume:
             self.restore()
         self.lap("setup")
@@ -98,30 +105,54 @@ class TubeRecorder(Recorder):
         tube = self.tube
         if tube.number % self._sample == 0:
             self._sampler(tube)
+            self._wear_away()
             self._tell()
             end = self.scene.numerics.end_time
             if tube.time > end - FILM and len(self.samples.time) % 2 == 0:
-                g, v = tube.grains.place, tube.grains.velocity[:, 2]
-                at = np.column_stack([g[:, 2], g[:, 1], tube.grains.radius])
-                self._frames.append((tube.time, at, v))
+                self._frames.append(self._frame())
         if tube.number % self._output == 0 or self.done:
             self._keep()
             self.log(f"step {tube.number}: {self._warning()}")
 
+    def _frame(self) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
+        """Grains as the film shows them: from the side, a bend to the side from above."""
+        grains = self.tube.grains.everything()
+        at = grains.place[:, self.scene.view]
+        velocity = self.tube.in_line(grains.place, grains.velocity)[:, 2]
+        return self.tube.time, np.column_stack([at, grains.radius]), velocity
+
+    def _wear_away(self) -> None:
+        """Enter the impacts since the last sample into the sums of the wall."""
+        if self.wear is None:
+            return
+        # in an order that no restart changes
+        rows = np.concatenate([*self._impacts, self.tube.impacts()])
+        rows, self._impacts = rows[np.lexsort(rows.T)], []
+        if self.tube.time <= self.scene.begin:
+            return
+        speed, mass, diameter = rows[:, 3], rows[:, 5], 2 * rows[:, 6]
+        angle = np.arcsin(np.clip(rows[:, 4] / np.maximum(speed, 1e-300), 0.0, 1.0))
+        arc = self.scene.geometry.arc
+        straight = rows[:, :3] if arc is None else arc.straightened(rows[:, :3])
+        removed = self.scene.model.wear.removed(speed, angle, mass, diameter)
+        self.wear.add(self.wear.surface.triangle_at(straight), speed, angle, removed)
+        self.wear.seconds += self._sample * self.scene.numerics.gas_step
+
     def _tell(self) -> None:
         """A row of the monitor and the early-warning line."""
         tube, samples = self.tube, self.samples
-        speeds = np.linalg.norm(tube.grains.velocity, axis=1)
+        # those of the last sample, in which a process hears of all grains
+        inside, fastest = tube.grains.inside(), self._sampler.fastest
         self._row = {
             "step": tube.number,
             "time": tube.time,
-            "grains": tube.grains.count,
+            "grains": inside,
             "fed": tube.fed,
             "out": tube.out,
             "pressure_drop": tube.gas.drop,
             "max_solids_fraction": float(samples.solids[-1].max()),
-            "fastest": float(speeds.max(initial=0.0)),
-            "grain_error": tube.start + tube.fed - tube.grains.count - tube.out,
+            "fastest": fastest,
+            "grain_error": tube.start + tube.fed - inside - tube.out,
         }
         if self.monitor is not None:
             self.monitor.write(self._row)
@@ -140,8 +171,8 @@ class TubeRecorder(Recorder):
     def _keep(self) -> None:
         """A snapshot for ParaView and the checkpoint."""
         tube = self.tube
+        grains = tube.grains.everything()
         if self._series is not None:
-            grains = tube.grains
             place, radius, number = grains.place, grains.radius, grains.number
             self._series.add(tube.time, place, radius, grains.velocity, number)
         if self._writer is not None:
@@ -156,6 +187,10 @@ class TubeRecorder(Recorder):
         arrays = {f"tube.{name}": np.asarray(v) for name, v in self.tube.state().items()}
         kept = {f.name: np.array(getattr(self.samples, f.name)) for f in _listed(self.samples)}
         arrays |= {f"samples.{name}": values for name, values in kept.items()}
+        if self.wear is not None:
+            self._impacts.append(self.tube.impacts())
+            arrays |= {f"wear.{name}": values for name, values in self.wear.state().items()}
+            arrays["impacts.rows"] = np.concatenate(self._impacts)
         numbers = {"time": self.tube.time}
         checkpoint.save(self.out, self.comm, {}, numbers, others=arrays)
 
@@ -166,6 +201,9 @@ class TubeRecorder(Recorder):
         self.tube.restore({n: _plain(v) for n, v in _part(arrays, "tube").items()})
         for name, values in _part(arrays, "samples").items():
             getattr(self.samples, name)[:] = values.tolist() if values.ndim == 1 else list(values)
+        if self.wear is not None:
+            self.wear.restore(_part(arrays, "wear"))
+            self._impacts = [_part(arrays, "impacts")["rows"]]
         self._row = dict.fromkeys(COLUMNS, 0.0) | {"time": self.tube.time}
 
     def step_back(self) -> None:
@@ -180,7 +218,9 @@ class TubeRecorder(Recorder):
         result.sections["samples"] = self.samples
         out = self.out
         if out is not None and len(self.samples.time) > 1:
-            on_root(self.comm, lambda: told.write(out, self.samples, scene, self._frames))
+            box = tube.gas.tube.points[:, scene.view]
+            frames = told.Film(self._frames, (*box.min(axis=0), *box.max(axis=0)))
+            on_root(self.comm, lambda: told.write(out, self.samples, scene, frames, self.wear))
 
     def close(self) -> None:
         """Close the files."""

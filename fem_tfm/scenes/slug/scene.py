@@ -9,19 +9,20 @@ from dataclasses import MISSING, dataclass, fields
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+from mpi4py import MPI
 
 from fem_tfm import signals
-from fem_tfm.cloud import Cloud
 from fem_tfm.errors import InputError
 from fem_tfm.geometry.resolution import Resolution
-from fem_tfm.geometry.shapes import Duct, Pipe
+from fem_tfm.geometry.shapes import Bend, Duct, Pipe
+from fem_tfm.geometry.surface import WallSurface
 from fem_tfm.models.slug.model import DiscreteElements
 from fem_tfm.models.slug.slices import Samples
-from fem_tfm.models.slug.slugs import POROSITY, SHORTEST, statistics
+from fem_tfm.models.slug.slugs import POROSITY, SHORTEST, Estimate, statistics
 from fem_tfm.models.slug.tube import Conveying, SlugTube, Steps
 from fem_tfm.output.result import unit_of
 from fem_tfm.output.slug.files import FILES
-from fem_tfm.parameters import Parameters, key_of, parameter
+from fem_tfm.parameters import Parameters, parameter
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.physics import Physics
 from fem_tfm.scenes.recorder import Setting
@@ -72,6 +73,9 @@ class Averages(Parameters):
     porosity: float = parameter(POROSITY, "-", "porosity below which a slice is slug", gt=0, lt=1)
     shortest: float = parameter(SHORTEST, "m", "shortest run that counts as a slug", gt=0, le=10)
     interval: float = parameter(0.01, "s", "time between samples", gt=0, le=10)
+    wall_size: float | None = parameter(
+        None, "m", "edge of the wall's triangles, default a sixth of the width", gt=0, le=10
+    )
     table: ClassVar[str] = "averages"
 
     def __post_init__(self) -> None:
@@ -87,7 +91,7 @@ class Slug(Scene[Physics, TubeRecorder]):
 
     numerics : the end, the steps, the mesh of the gas
     initial : the tube at the start
-    averages : where and when slugs are counted
+    averages : where and when slugs are counted, and the triangles of the wall on which impacts are
 
     Raises InputError for values that do not fit each other.
     """
@@ -100,6 +104,9 @@ class Slug(Scene[Physics, TubeRecorder]):
     initial: TubeStart = parameter(doc="the tube at the start", factory=TubeStart)
     averages: Averages = parameter(doc="where and when slugs are counted", factory=Averages)
     solution: ClassVar[str] = "unsteady"
+    # the mesh of the gas is one of `numerics`, and grains are no cloud of particles
+    resolution: ClassVar[Resolution] = Resolution()  # type: ignore[misc]
+    particles: ClassVar[None] = None  # type: ignore[misc]
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -142,8 +149,20 @@ class Slug(Scene[Physics, TubeRecorder]):
         """Time between outputs [s]."""
         return self.output.interval or self.numerics.end_time / OUTPUTS
 
-    def tube(self) -> SlugTube:
-        """The tube at its start."""
+    @property
+    def view(self) -> list[int]:
+        """Coordinates of a picture: from the side, or from above where a bend turns to the side."""
+        arc = self.geometry.arc
+        return [2, 0] if arc is not None and arc.towards == "side" else [2, 1]
+
+    def wall_surface(self) -> WallSurface:
+        """The wall as triangles on which impacts are counted."""
+        section = self.geometry.section("none")
+        size = self.averages.wall_size or min(section.size) / 6
+        return WallSurface(section, self.geometry.length, size, self.geometry.arc)
+
+    def tube(self, comm: MPI.Comm = MPI.COMM_SELF) -> SlugTube:
+        """The tube at its start, whose grains processes share."""
         return SlugTube(
             self.geometry,
             self.model.gas,
@@ -152,6 +171,7 @@ class Slug(Scene[Physics, TubeRecorder]):
             self.numerics,
             full=self.initial.state == "filled",
             seed=self.numerics.seed,
+            comm=comm,
         )
 
     # -- the scene -----------------------------------------------------------------------------
@@ -177,7 +197,7 @@ class Slug(Scene[Physics, TubeRecorder]):
         """
         if previous is not None:
             previous.close()
-        tube = self.tube()
+        tube = self.tube(recorder.comm)
         recorder.begin(tube)
         with signals.deferred() as request:
             while not recorder.done:
@@ -185,7 +205,7 @@ class Slug(Scene[Physics, TubeRecorder]):
                 recorder.step()
                 if request.on_any(recorder.comm):
                     raise KeyboardInterrupt
-        missing = tube.start + tube.fed - tube.grains.count - tube.out
+        missing = tube.start + tube.fed - tube.grains.inside() - tube.out
         found, errors = self.told(recorder)
         balances = {"grains": abs(missing) / max(tube.start + tube.fed, 1)}
         kept = recorder.samples.after(self.begin)
@@ -200,6 +220,12 @@ class Slug(Scene[Physics, TubeRecorder]):
             if error is not None and error > UNCERTAIN * abs(answer.quantities[name])
         ]
         samples: Samples = answer.state
+        if "slug_velocity" not in answer.quantities:
+            low, high = self.stretch
+            said.append(
+                f"no slug was followed between {low:.3g} and {high:.3g} m in"
+                f" {samples.time[-1] - self.begin:.3g} s"
+            )
         counts = np.array(samples.count, dtype=float)
         if len(counts) >= 4:
             first, last = (float(part.mean()) for part in np.array_split(counts, 2))
@@ -220,9 +246,18 @@ class Slug(Scene[Physics, TubeRecorder]):
             if unit_of(f.name) is None:
                 continue
             estimate = getattr(found, f.name)
-            if math.isfinite(estimate.value):
+            # a rate of none has no error that can be told
+            if math.isfinite(estimate.value) and (f.name != "slug_rate" or estimate.value > 0):
                 values[f.name] = estimate.value
                 errors[f.name] = 2 * estimate.error if math.isfinite(estimate.error) else None
+        if (arc := self.geometry.arc) is not None:
+            planes = np.linspace(0.0, self.geometry.length, len(samples.pressure[-1]))
+            ends = np.array([[np.interp(z, planes, p) for z in (arc.before, arc.end)]
+                             for p in samples.pressure])  # fmt: skip
+            drop = Estimate.in_time(samples.time, ends[:, 0] - ends[:, 1])
+            values["bend_drop"], errors["bend_drop"] = drop.value, 2 * drop.error
+        if recorder.wear is not None:
+            values |= recorder.wear.quantities()
         return values, errors
 
     def skipped(self) -> list[str]:
@@ -231,6 +266,10 @@ class Slug(Scene[Physics, TubeRecorder]):
             "inertia and turbulence of the gas: its pressure diffuses through the bed",
             "heat, electric charges and humidity",
         ]
+        if self.model.wear is None:
+            left_out.append("wear of the walls: walls.wear")
+        else:
+            left_out.append("wear by grains that slide or roll: impacts alone are counted")
         if self.model.gas.permeability.name == "carman-kozeny":
             left_out.append("inertial resistance of the bed: closures.permeability")
         return left_out
@@ -271,7 +310,10 @@ class Slug(Scene[Physics, TubeRecorder]):
                 f"gas {feed.gas_velocity:g} m/s, grains {feed.solids_mass_flow:g} kg/s"
                 f" ({per_second:.0f} a second); found: pressure drop, slugs"
             ),
-            "closures": [f"{law.family}: {law.name}" for law in model.laws()],
+            "closures": [
+                f"{law.family}{' with the wall' if law is model.solids.wall else ''}: {law.name}"
+                for law in model.laws()
+            ],
             "skipped": self.left_out(),
             "inferred": list(self.inferred) or "nothing",
             "warnings": self.warnings() or "none",
@@ -290,9 +332,7 @@ class Slug(Scene[Physics, TubeRecorder]):
 
 
 UNREAD = (
-    *(key_of(Resolution, f) for f in fields(Resolution)),
-    *(key_of(Cloud, f) for f in fields(Cloud)),
     "output.stations", "output.probes", "output.sections", "output.fields",
     "geometry.symmetry",
 )  # fmt: skip
-register(Kind("slug", Slug, DiscreteElements, (Pipe, Duct), Physics, {}, UNREAD))
+register(Kind("slug", Slug, DiscreteElements, (Pipe, Duct, Bend), Physics, {}, UNREAD))

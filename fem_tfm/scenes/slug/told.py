@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from fem_tfm.models.slug import slugs
 from fem_tfm.models.slug.slices import Samples
 from fem_tfm.output.profiles import write_profiles
 from fem_tfm.output.slug import pictures
+from fem_tfm.output.slug.wear import WallWear
 
 type Floats = NDArray[np.float64]
 BINS = 21
@@ -27,10 +28,19 @@ UNITS = {
 PROFILE = ("porosity", "velocity", "temperature", "drag", "contact", "wall_stress")
 
 
+class Film(NamedTuple):
+    """Grains as a film shows them, and the box that holds them: left, bottom, right, top [m]."""
+
+    frames: Sequence[tuple[float, Floats, Floats]]
+    box: tuple[float, float, float, float]
+
+
 def write(
-    out: Path, samples: Samples, scene: Any, frames: Sequence[tuple[float, Floats, Floats]]
+    out: Path, samples: Samples, scene: Any, film: Film, wear: WallWear | None = None
 ) -> None:
-    """Tables of the slugs, their pictures and the film."""
+    """Tables of the slugs, their pictures and the film, and the wear of the wall."""
+    if wear is not None and wear.seconds > 0:
+        wear.write(out, scene.title, scene.output.pictures)
     chosen = samples.after(scene.begin)
     if len(chosen.time) < 2:
         chosen = samples
@@ -43,10 +53,10 @@ def write(
     porosity = 1 - np.array(samples.solids)
     place, time = samples.middle, np.array(samples.time)
     pictures.porosity_picture(out / "porosity.png", time, place, porosity, scene.title)
-    pictures.slugs_picture(out / "slugs.png", columns, average, scene.title)
-    if len(frames) > 1:
-        height = scene.geometry.size[1]
-        pictures.film(out / "film.gif", frames, scene.geometry.length, height)
+    seconds = chosen.time[-1] - chosen.time[0]
+    pictures.slugs_picture(out / "slugs.png", columns, average, scene.title, seconds)
+    if len(film.frames) > 1:
+        pictures.film(out / "film.gif", film.frames, film.box, scene.geometry.arc is not None)
 
 
 def _table(path: Path, columns: dict[str, Floats]) -> None:
