@@ -405,7 +405,8 @@ def _draw(sweep: Sweep, keys: Sequence[str], title: str) -> None:
         shared = [n for n in solved[0].quantities if all(n in p.quantities for p in solved)]
         columns = {key: [_shown(p.values[key]) for p in solved] for key in keys}
         columns |= {name: [p.quantities[name] for p in solved] for name in shared}
-        sweep_picture(sweep.directory / PICTURE, columns, keys, units(columns), title)
+        errors = {name: [p.errors.get(name) for p in solved] for name in shared}
+        sweep_picture(sweep.directory / PICTURE, columns, keys, units(columns), title, errors)
 
 
 if __name__ == "__main__":

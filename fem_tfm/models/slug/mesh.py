@@ -31,7 +31,8 @@ def tube_mesh(section: Section, length: float, across: int, layers: int | None =
     """Straight-edged hexahedra with the area of the section.
 
     across : cells across the section, an even number, or 1 in a round section
-    layers : along the tube, default half as long as the section is wide, or cells as long as wide
+    layers : along the tube, default half as long as the section is wide, or cells at most twice as
+        long as wide
 
     Raises InputError for another number of cells across.
     """
@@ -45,7 +46,7 @@ def tube_mesh(section: Section, length: float, across: int, layers: int | None =
         section,
         resolution,
         length,
-        layers or max(round(length / width), 1),
+        layers or max(round(length / (2 * min(section.size) / max(across, 4))), 1),
         MPI.COMM_SELF,
         order=1,
         layout=("block" if across == 1 else "blocks") if round_section else None,

@@ -18,14 +18,16 @@ from scipy.linalg import lapack
 
 from fem_tfm.errors import InputError, SolverError
 from fem_tfm.fenics import compile_forms
+from fem_tfm.models.slug.averaging import Averaging
 from fem_tfm.models.slug.forms import GasForms
 from fem_tfm.models.slug.gas import TubeGas, resistance
 from fem_tfm.models.slug.grains import Grains
 from fem_tfm.models.slug.mesh import TubeMesh
 
 Array = npt.NDArray[np.float64]
-# volume of the least node over that of a grain
-LEAST_VOLUME = 0.3
+# volume of the least node over that of a grain, and the least average over its diameter that takes
+# the place of larger nodes
+LEAST_VOLUME, LEAST_WIDTH = 0.3, 0.5
 
 
 class Band:
@@ -49,25 +51,28 @@ class Band:
         a, b = (np.take_along_axis(tube.cells, one[:, None], axis=2) for one in (first, second))
         self.width = int((a - b).max())
         self._size = (self.width + 1) * self.unknowns
-        place = np.where(a < self.unknowns, (a - b) * self.unknowns + b, self._size)
+        # column by column, as LAPACK wants it
+        place = np.where(a < self.unknowns, (a - b) + b * (self.width + 1), self._size)
         self._place = place.ravel()
 
     def __call__(self, mobility: Array) -> Array:
         """Lower band (width + 1, unknowns)."""
         values = (mobility @ self._table).ravel()
         found = np.bincount(self._place, values, minlength=self._size + 1)[:-1]
-        return found.reshape(self.width + 1, self.unknowns)
+        return found.reshape(self.unknowns, self.width + 1).T
 
 
 class GasPressure:
     """The pressure field, its steps, and the force on the grains.
 
+    width : standard deviation of the averages of the grains [m], 0 where the mesh alone averages
     pressure : P' at the nodes [Pa]
     porosity, velocity : f and u at the nodes, from the grains
     """
 
-    def __init__(self, tube: TubeMesh, gas: TubeGas, diameter: float) -> None:
+    def __init__(self, tube: TubeMesh, gas: TubeGas, diameter: float, width: float = 0.0) -> None:
         self.tube, self.gas, self.diameter = tube, gas, diameter
+        self.average = Averaging(tube, width)
         self.band = Band(tube)
         n = tube.size
         self.pressure, self.before = np.zeros(n), np.zeros(n)
@@ -75,6 +80,9 @@ class GasPressure:
         self.solids = np.zeros(n)
         self.last_step = 0.0
         self._inlet = self._inlet_weights()
+        # what the slope of the pressure is needed for
+        inertial = bool(gas.permeability.resistance(0.5, gas, diameter)[1])
+        self._sloping = inertial or gas.balance == "full"
         # the bed's share of the resistance at the points, in the last step
         self._share = np.zeros((*tube.cells.shape[:2], tube.weights.shape[-1]))
 
@@ -85,17 +93,21 @@ class GasPressure:
         return self.tube.nodal(fem.assemble_vector(form).array)
 
     def check(self) -> None:
-        """Raise InputError for cells that are hardly larger than a grain."""
+        """Raise InputError for cells hardly larger than a grain that no average smooths."""
         least = float(self.tube.volumes.min() / (np.pi / 6 * self.diameter**3))
-        if least < LEAST_VOLUME:
-            words = f"fewer, or a node would have a volume below {LEAST_VOLUME} grains"
+        if least < LEAST_VOLUME and self.average.width < LEAST_WIDTH * self.diameter:
+            words = (
+                f"fewer cells, or a node would have a volume below {LEAST_VOLUME} grains, or"
+                f" numerics.averaging_width from {LEAST_WIDTH}"
+            )
             raise InputError("numerics.cells_across", f"{least:.2g} grains a node", words)
 
     # -- the grains --------------------------------------------------------------------------------
 
     def take(self, grains: Grains) -> None:
         """Take porosity and velocity from the grains."""
-        self.set_grains(*self.tube.spread(grains))
+        volume, momentum = self.tube.spread(grains)
+        self.set_grains(self.average.spread(volume), self.average.spread(momentum))
 
     def set_grains(self, solids: Array, momentum: Array) -> None:
         """Set porosity and velocity from the volume (n,) and volume times velocity (n, 3)."""
@@ -108,7 +120,7 @@ class GasPressure:
         """Put the force of the gas on the grains that `take` has seen last."""
         some = np.maximum(self.solids, 1e-300)[:, None]
         field = np.where(self.solids[:, None] > 0, self.nodal_force() / some, 0.0)
-        self.tube.tents.pull(grains.core, np.ascontiguousarray(field))
+        self.tube.tents.pull(grains.core, np.ascontiguousarray(self.average(field)))
 
     def nodal_force(self) -> Array:
         """-int s grad P' w with the bed's share s of the resistance, (n, 3) [N].
@@ -126,7 +138,7 @@ class GasPressure:
         """c/r and the bed's share at the points; right hand side without the inlet."""
         tube, gas = self.tube, self.gas
         porosity, velocity = tube.value(self.porosity), tube.vector(self.velocity)
-        slope = tube.slope(ahead)
+        slope = tube.slope(ahead) if self._sloping else np.zeros((1, 1, 3, 1))
         size = np.sqrt((slope**2).sum(axis=2))
         open_share = np.maximum(porosity, gas.porosity_floor)
         radius = tube.mesh.section.radius

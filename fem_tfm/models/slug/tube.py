@@ -54,15 +54,20 @@ class Steps(Parameters):
     time_step : of the grains, by default two thirds of the longest one; shortened so that a gas
         step is a whole number of them
     gas_step : of the pressure
-    cells_across, cells_along : of the pressure's mesh, along by default as long as wide
+    cells_across, cells_along : of the pressure's mesh, along by default twice as long as wide
+    averaging_width : standard deviation of the averages of the grains that the gas sees, over
+        their diameter; a mesh that is too coarse for it averages by itself
     skin : of the neighbour list over the grains' diameter; it has no influence on the result
     threads : that share the grains; they have no influence on the result
     """
 
     time_step: float | None = parameter(None, "s", "time step of the grains", gt=0, le=1)
-    gas_step: float = parameter(5e-4, "s", "time step of the gas pressure", gt=0, le=10)
-    cells_across: int = parameter(2, doc="cells of the pressure's mesh across", ge=1, le=100)
+    gas_step: float = parameter(1e-3, "s", "time step of the gas pressure", gt=0, le=10)
+    cells_across: int = parameter(4, doc="cells of the pressure's mesh across", ge=1, le=100)
     cells_along: int | None = parameter(None, doc="cells along the tube", ge=1, le=1000000)
+    averaging_width: float = parameter(
+        1.0, doc="standard deviation of the averages of the grains over their diameter", ge=0, le=10
+    )
     skin: float = parameter(0.2, doc="skin of the neighbour list over the diameter", gt=0, le=2)
     threads: int = parameter(1, doc="threads that share the grains", ge=1, le=1024)
     table: ClassVar[str] = "numerics"
@@ -122,7 +127,8 @@ class SlugTube:
         mesh = tube_mesh(
             self.section, shape.length, self.steps.cells_across, self.steps.cells_along
         )
-        self.gas = GasPressure(TubeMesh(mesh), gas, grain.diameter)
+        width = self.steps.averaging_width * grain.diameter
+        self.gas = GasPressure(TubeMesh(mesh), gas, grain.diameter, width)
         self.gas.check()
         self.number, self.out, self.start = 0, 0, 0
         if full:

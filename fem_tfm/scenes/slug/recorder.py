@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from functools import partial
@@ -11,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fem_tfm.models.slug.slices import Sampler, Samples
+from fem_tfm.models.slug.cross_sections import Still
+from fem_tfm.models.slug.slices import SLICE, Sampler, Samples
 from fem_tfm.models.slug.tube import SlugTube
 from fem_tfm.output import checkpoint
 from fem_tfm.output.fields import FieldWriter, snapshot
@@ -22,8 +24,8 @@ from fem_tfm.output.slug import files
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.slug import told
 
-# the last stretch of a run that becomes a film [s]
-FILM = 1.5
+# the last stretch of a run that becomes a film, and that in which sections are looked at [s]
+FILM, SECTIONS = 1.5, 4.0
 COLUMNS = {
     "step": "",
     "time": "s",
@@ -61,6 +63,7 @@ class TubeRecorder(Recorder):
         self._writer: FieldWriter | None = None
         self._series: files.Series | None = None
         self._frames: list[tuple[float, NDArray[np.float64], NDArray[np.float64]]] = []
+        self._stills: list[Still] = []
 
     def begin(self, tube: SlugTube) -> None:
         """The tube stands at its start, or where a checkpoint was written."""
@@ -104,31 +107,38 @@ class TubeRecorder(Recorder):
                 g, v = tube.grains.place, tube.grains.velocity[:, 2]
                 at = np.column_stack([g[:, 2], g[:, 1], tube.grains.radius])
                 self._frames.append((tube.time, at, v))
+            if tube.time > end - SECTIONS:
+                middle = tube.shape.length / 2
+                low, high = middle - SLICE / 2, middle + SLICE / 2
+                self._stills.append(Still.of(tube.time, tube.grains, low, high))
         if tube.number % self._output == 0 or self.done:
             self._keep()
             self.log(f"step {tube.number}: {self._warning()}")
 
     def _tell(self) -> None:
         """A row of the monitor and the early-warning line."""
-        tube, samples = self.tube, self.samples
+        if self.monitor is not None:
+            self.monitor.write(self._row())
+        self.progress.update(self.tube.number / self._last, self._warning())
+
+    def _row(self) -> dict[str, Any]:
+        """What the monitor tells of the tube now; porosities are those of the last sample."""
+        tube, solids = self.tube, self.samples.solids
         speeds = np.linalg.norm(tube.grains.velocity, axis=1)
-        self._row = {
+        return {
             "step": tube.number,
             "time": tube.time,
             "grains": tube.grains.count,
             "fed": tube.fed,
             "out": tube.out,
             "pressure_drop": tube.gas.drop,
-            "max_solids_fraction": float(samples.solids[-1].max()),
+            "max_solids_fraction": float(solids[-1].max()) if solids else math.nan,
             "fastest": float(speeds.max(initial=0.0)),
             "grain_error": tube.start + tube.fed - tube.grains.count - tube.out,
         }
-        if self.monitor is not None:
-            self.monitor.write(self._row)
-        self.progress.update(tube.number / self._last, self._warning())
 
     def _warning(self) -> str:
-        row, end = self._row, self.scene.numerics.end_time
+        row, end = self._row(), self.scene.numerics.end_time
         return (
             f"{row['time']:.4g} of {end:g} s, {row['grains']} grains, drop"
             f" {row['pressure_drop']:.4g} Pa, max alpha_s {row['max_solids_fraction']:.3f},"
@@ -166,7 +176,6 @@ class TubeRecorder(Recorder):
         self.tube.restore({n: _plain(v) for n, v in _part(arrays, "tube").items()})
         for name, values in _part(arrays, "samples").items():
             getattr(self.samples, name)[:] = values.tolist() if values.ndim == 1 else list(values)
-        self._row = dict.fromkeys(COLUMNS, 0.0) | {"time": self.tube.time}
 
     def step_back(self) -> None:
         """Keep the state after the last step."""
@@ -180,7 +189,8 @@ class TubeRecorder(Recorder):
         result.sections["samples"] = self.samples
         out = self.out
         if out is not None and len(self.samples.time) > 1:
-            on_root(self.comm, lambda: told.write(out, self.samples, scene, self._frames))
+            seen = told.Seen(self._frames, self._stills)
+            on_root(self.comm, lambda: told.write(out, self.samples, scene, seen))
 
     def close(self) -> None:
         """Close the files."""
