@@ -21,7 +21,7 @@ from fem_tfm.models.slug.pressure import GasPressure
 from fem_tfm.parameters import Parameters, parameter
 
 # a time step that is not given is this share of the longest one
-EASY = 0.65
+EASY = 0.78
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Conveying(Parameters):
 class Steps(Parameters):
     """Steps in time, and the mesh of the gas.
 
-    time_step : of the grains, by default two thirds of the longest one; shortened so that a gas
+    time_step : of the grains, by default 0.78 of the longest one; shortened so that a gas
         step is a whole number of them
     gas_step : of the pressure
     cells_across, cells_along : of the pressure's mesh, along by default twice as long as wide
