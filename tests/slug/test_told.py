@@ -14,6 +14,7 @@ import fem_tfm as ft
 from fem_tfm.models.slug.cross_sections import Still
 from fem_tfm.models.slug.feed import filled
 from fem_tfm.models.slug.slices import SLICE
+from fem_tfm.scenes.scene import Answer
 from fem_tfm.scenes.slug import told
 
 MIDDLE, DIAMETER = 0.2625, 1.4e-3
@@ -68,6 +69,16 @@ def test_the_weight_on_the_wall_is_that_of_the_grains(uphill: float) -> None:
     across = 9.81 * np.cos(np.radians(uphill))
     expected = 0.5 * 937.0 * across * 7e-3 / 4
     assert found["weight"][middle] == pytest.approx(expected, rel=1e-6, abs=1e-9)
+
+
+def test_a_filled_tube_is_told() -> None:
+    made = samples()
+    answer = Answer("finished", {}, {}, "pressure_gradient", errors={}, state=made)
+    assert scene().judge(answer) == []
+    for number in range(len(made.time)):
+        made.solids[number] = np.full(150, 0.5)
+    (said,) = scene().judge(answer)
+    assert "in 100 % of the samples: bulk, not slugs" in said
 
 
 def test_tables_and_pictures_are_written(tmp_path: Path) -> None:

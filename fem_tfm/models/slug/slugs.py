@@ -208,9 +208,13 @@ class SlugStatistics:
 def statistics(
     samples: Samples, low: float, high: float, limit: float = POROSITY, shortest: float = SHORTEST
 ) -> SlugStatistics:
-    """Statistics of the slugs whose centres are between two places [m]."""
+    """Statistics of the slugs whose centres are between two places [m].
+
+    What is longer than this stretch is no slug but a filled tube, which `bulk` tells.
+    """
     tracks = follow(samples, limit, shortest)
-    inside = [t for t in (t.within(low, high) for t in tracks) if len(t.sightings) >= LEAST]
+    short = [Track([s for s in t.sightings if s.length < high - low]) for t in tracks]
+    inside = [t for t in (t.within(low, high) for t in short) if len(t.sightings) >= LEAST]
 
     def mean(name: str) -> Estimate:
         return Estimate.of([np.mean([getattr(s, name) for s in t.sightings]) for t in inside])
@@ -229,6 +233,15 @@ def statistics(
         rate(samples, tracks, (low + high) / 2),
         len(inside),
     )
+
+
+def bulk(samples: Samples, length: float, limit: float = POROSITY) -> float:
+    """Share of the samples in which grains fill the tube over more than a length [m]."""
+    found = [
+        any(s.length >= length for s in sighted(samples, number, limit, length))
+        for number in range(len(samples.time))
+    ]
+    return float(np.mean(found)) if found else 0.0
 
 
 def rate(samples: Samples, tracks: list[Track], z: float) -> Estimate:

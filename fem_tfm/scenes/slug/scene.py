@@ -17,7 +17,7 @@ from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.shapes import Duct, Pipe
 from fem_tfm.models.slug.model import DiscreteElements
 from fem_tfm.models.slug.slices import Samples
-from fem_tfm.models.slug.slugs import POROSITY, SHORTEST, statistics
+from fem_tfm.models.slug.slugs import POROSITY, SHORTEST, bulk, statistics
 from fem_tfm.models.slug.tube import Conveying, SlugTube, Steps
 from fem_tfm.output.result import unit_of
 from fem_tfm.output.slug.files import FILES
@@ -35,6 +35,8 @@ STRETCH = (0.38, 0.86)
 OUTPUTS = 20
 # how much wider a mesh may average than is asked for
 COARSE = 1.25
+# share of the samples with a filled tube that is told
+FULL = 0.1
 # an error above this share of its value is told, and a change of the grains in the tube
 UNCERTAIN, FILLING = 0.2, 0.1
 
@@ -194,7 +196,7 @@ class Slug(Scene[Physics, TubeRecorder]):
         return Answer("finished", found, balances, "pressure_gradient", errors=errors, state=kept)
 
     def judge(self, answer: Answer) -> list[str]:
-        """What is uncertain: statistics of few slugs, and a tube that still fills."""
+        """What is uncertain: statistics of few slugs, a tube that is full or still fills."""
         said = [
             f"{name.replace('_', ' ')} {answer.quantities[name]:.3g} has a statistical error of"
             f" {error:.2g}; a longer numerics.end_time makes it smaller"
@@ -202,6 +204,13 @@ class Slug(Scene[Physics, TubeRecorder]):
             if error is not None and error > UNCERTAIN * abs(answer.quantities[name])
         ]
         samples: Samples = answer.state
+        low, high = self.stretch
+        share = bulk(samples, high - low, self.averages.porosity)
+        if share > FULL:
+            said.append(
+                f"the tube is full over more than the stretch of {high - low:.3g} m in"
+                f" {100 * share:.0f} % of the samples: bulk, not slugs"
+            )
         counts = np.array(samples.count, dtype=float)
         if len(counts) >= 4:
             first, last = (float(part.mean()) for part in np.array_split(counts, 2))
