@@ -5,7 +5,7 @@
 
 runs slug_tube.toml, then curves.toml over gas velocity, mass flow, viscosity, pressure, friction
 and orientation, N points at once. Counterparts of figures 1 to 21, each beside what the paper says
-of it, go to DIR/figures.html, all numbers of the curves to DIR/curves.csv. A command that was
+of it, go to DIR/figures.html, the curves to DIR/curves.png and DIR/curves.csv. A command that was
 stopped goes on where it was; what has been run already is not run again.
 """
 
@@ -135,16 +135,16 @@ def _default(case: Case, key: str) -> float:
     return 0.0 if key == TURN else float(case[key])
 
 
-def drawn(lines: Mapping[str, Sequence[Point]], key: str, label: str, factor: float) -> Figure:
+def draw(
+    axes: Any, lines: Mapping[str, Sequence[Point]], key: str, label: str, factor: float
+) -> None:
     """Pressure drop over a key, a line each, with errors; open where the tube is not steady."""
-    figure = Figure(figsize=(5.2, 3.6), layout="constrained")
-    axes = figure.subplots()
     for name, points in lines.items():
         x = [factor * p.values[key] for p in points]
         y, bars = [p.quantities[DROP] for p in points], [p.errors.get(DROP) or 0 for p in points]
         (line,) = axes.plot(x, y, "-", linewidth=1.2, label=name)
         for a, b, bar, p in zip(x, y, bars, points, strict=True):
-            fill = "none" if said.unsteady(p.warnings) else line.get_color()
+            fill = line.get_color() if said.regime(p.warnings) == said.STEADY else "none"
             axes.errorbar(a, b, bar, fmt="o", color=line.get_color(), mfc=fill, capsize=2)
     axes.set_xlabel(label, fontsize=9)
     axes.set_ylabel("pressure drop [Pa/m]", fontsize=9)
@@ -153,18 +153,17 @@ def drawn(lines: Mapping[str, Sequence[Point]], key: str, label: str, factor: fl
     axes.tick_params(labelsize=8)
     if len(lines) > 1:
         axes.legend(fontsize=8, frameon=False)
-    return figure
 
 
 def listed(points: Sequence[Point], key: str, head: str, factor: float) -> list[str]:
     """A table of a curve with the errors of its numbers."""
     names = (DROP, "grains_in_tube", "slug_velocity", "slug_rate")
-    heads = [head, "drop [Pa/m]", "grains", "slug speed [m/s]", "slugs [1/s]", "steady"]
+    heads = [head, "drop [Pa/m]", "grains", "slug speed [m/s]", "slugs [1/s]", "tube"]
     rows = [
         [
             f"{factor * p.values[key]:.4g}",
             *(said.told(p.quantities.get(n, math.nan), p.errors.get(n)) for n in names),
-            "no" if said.unsteady(p.warnings) else "yes",
+            said.regime(p.warnings),
         ]
         for p in points
     ]
@@ -174,30 +173,40 @@ def listed(points: Sequence[Point], key: str, head: str, factor: float) -> list[
 # -- the page --------------------------------------------------------------------------------------
 
 
+# number of a figure, key, label, factor to its unit, and sweeps of each line
+PLANS: tuple[tuple[str, str, str, float, dict[str, tuple[str, ...]]], ...] = (
+    ("3", GAS, "superficial gas velocity [m/s]", 1.0,
+     {"2.49 kg/h": ("middle", "velocity", "slow"), "9.95 kg/h": ("velocity_9.95",)}),
+    ("5", FLOW, "mass flow [kg/h]", 3600.0, {"1 m/s": ("middle", "mass_flow")}),
+    ("6", ETA, "viscosity [cP]", 1000.0, {"1 m/s": ("middle", "viscosity")}),
+    ("pressure", LEVEL, "P_0 [hPa]", 0.01, {"1 m/s": ("middle", "pressure")}),
+    ("7", FRICTION, "Coulomb coefficient", 1.0, {"level": ("middle", "friction")}),
+    ("21", FRICTION, "Coulomb coefficient", 1.0,
+     {"level": ("middle", "friction"), "upright": ("upright", "upright_friction")}),
+)  # fmt: skip
+
+
 def curves(out: Path, points: Mapping[str, Sequence[Point]]) -> Iterator[tuple[str, list[str]]]:
     """Figures 3, 5 to 7 and 21: number of the figure, and its picture, table and trend."""
-    plans: tuple[tuple[str, str, str, float, dict[str, tuple[str, ...]]], ...] = (
-        ("3", GAS, "superficial gas velocity [m/s]", 1.0,
-         {"2.49 kg/h": ("middle", "velocity", "slow"), "9.95 kg/h": ("velocity_9.95",)}),
-        ("5", FLOW, "mass flow [kg/h]", 3600.0, {"1 m/s": ("middle", "mass_flow")}),
-        ("6", ETA, "viscosity [cP]", 1000.0, {"1 m/s": ("middle", "viscosity")}),
-        ("pressure", LEVEL, "P_0 [hPa]", 0.01, {"1 m/s": ("middle", "pressure")}),
-        ("7", FRICTION, "Coulomb coefficient", 1.0, {"level": ("middle", "friction")}),
-        ("21", FRICTION, "Coulomb coefficient", 1.0,
-         {"level": ("middle", "friction"), "upright": ("upright", "upright_friction")}),
-    )  # fmt: skip
-    for number, key, label, factor, wanted in plans:
+    together = Figure(figsize=(12.0, 6.6), layout="constrained")
+    grid = together.subplots(2, 3).ravel()
+    for axes, (number, key, label, factor, wanted) in zip(grid, PLANS, strict=True):
         lines = {name: curve(points, key, *names) for name, names in wanted.items()}
         lines = {name: found for name, found in lines.items() if found}
         if not lines:
             continue
+        alone = Figure(figsize=(5.2, 3.6), layout="constrained")
+        for there in (axes, alone.subplots()):
+            draw(there, lines, key, label, factor)
         path = out / f"figure_{number}.png"
-        save_figure(drawn(lines, key, label, factor), path, "")
+        save_figure(alone, path, "")
         parts = [image(path.read_bytes(), path.stem)]
         for name, found in lines.items():
+            told = [(factor * p.values[key], *_drop(p)) for p in found]
             parts += [f"<p>{escape(name)}</p>", *listed(found, key, label, factor)]
-            parts += items(said.trend([(factor * p.values[key], *_drop(p)) for p in found]))
+            parts += items([*said.trend(told), *(said.proportional(told) if key == FLOW else [])])
         yield number, parts
+    save_figure(together, out / "curves.png", "")
 
 
 def _drop(point: Point) -> tuple[float, float]:

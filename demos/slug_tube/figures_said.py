@@ -75,7 +75,7 @@ PRINTED = {
     "least_porosity": "0.47 to 0.50",
     "top_grain_velocity": "0.3",
 }
-UNSTEADY = "not steady"
+STEADY, UNSTEADY, BULK = "steady", "not steady", "full"
 
 
 def told(value: float, error: float | None) -> str:
@@ -88,13 +88,16 @@ def told(value: float, error: float | None) -> str:
     return f"{value:.{digits}f} ± {error:.{digits}f}"
 
 
-def unsteady(warnings: Iterable[str]) -> bool:
-    """Whether the tube was still filling or emptying."""
-    return any(UNSTEADY in text for text in warnings)
+def regime(warnings: Iterable[str]) -> str:
+    """Whether the tube was full, still filling or emptying, or steady."""
+    texts = " ".join(warnings)
+    if "bulk, not slugs" in texts:
+        return BULK
+    return UNSTEADY if UNSTEADY in texts else STEADY
 
 
 def trend(points: Sequence[tuple[float, float, float]]) -> list[str]:
-    """What can be said of (x, y, error): the change from end to end, and a line through zero.
+    """What can be said of (x, y, error): the change from end to end, and a peak.
 
     Errors are twice the standard ones; a change counts where it exceeds that of the difference.
     """
@@ -112,7 +115,7 @@ def trend(points: Sequence[tuple[float, float, float]]) -> list[str]:
     for x, y, e in inner:
         if y - e > max(low + first, high + last):
             said.append(f"there is a peak at {x:.4g}")
-    return said + proportional(points)
+    return said
 
 
 def proportional(points: Sequence[tuple[float, float, float]]) -> list[str]:
@@ -190,12 +193,12 @@ def beside(result: Result) -> list[str]:
 def around(points: Sequence[Point], name: str) -> list[str]:
     """Other choices at one friction."""
     return table(
-        ["choice", "drop [Pa/m]", "steady"],
+        ["choice", "drop [Pa/m]", "tube"],
         [
             [
                 ", ".join(f"{key} = {value}" for key, value in p.values.items()),
                 told(p.quantities.get(name, math.nan), p.errors.get(name)),
-                "no" if unsteady(p.warnings) else "yes",
+                regime(p.warnings),
             ]
             for p in points
         ],

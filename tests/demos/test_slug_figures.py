@@ -66,6 +66,13 @@ def test_a_trend_is_a_change_beyond_its_error(said: Any, drops: Any, words: str)
     assert words in first
 
 
+def test_a_tube_is_steady_or_what_it_is_warned_of(said: Any) -> None:
+    full = "the tube is full over more than the stretch in 90 % of the samples: bulk, not slugs"
+    filling = "the tube is not steady: 100 grains in the first half of what is averaged"
+    assert said.regime([]) == said.regime(["few for statistics"]) == "steady"
+    assert said.regime([filling]) == "not steady" and said.regime([filling, full]) == "full"
+
+
 def test_a_peak_stands_out_of_the_errors(said: Any) -> None:
     high = said.trend([(0.0, 100.0, 20.0), (0.1, 200.0, 20.0), (0.2, 110.0, 20.0)])
     low = said.trend([(0.0, 100.0, 20.0), (0.1, 140.0, 20.0), (0.2, 110.0, 20.0)])
@@ -108,6 +115,7 @@ def test_the_page_has_all_figures_beside_the_paper(figures: Any, tmp_path: Path)
     assert page.count("The paper: ") == 22
     assert "200 ± 50" in page and "rises: +700 ± 71" in page
     assert (tmp_path / "figure_7.png").stat().st_size > 5000
+    assert (tmp_path / "curves.png").stat().st_size > 5000
     with (tmp_path / "curves.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert rows[1]["pressure_gradient error [Pa/m]"] == "50.0" and rows[1]["warnings"] == unsteady
