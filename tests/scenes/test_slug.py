@@ -117,6 +117,18 @@ def test_what_does_not_fit_is_refused_by_its_key(changes: dict[str, Any], key: s
     assert caught.value.key == key
 
 
+@pytest.mark.parametrize(
+    ("across", "width", "told"), [(2, 1.0, True), (4, 1.0, False), (2, 1.5, False)]
+)
+def test_a_mesh_too_coarse_for_its_averages_is_warned_of(
+    across: int, width: float, told: bool
+) -> None:
+    changes = {"numerics.cells_across": across, "numerics.averaging_width": width}
+    said = [text for text in case(**changes).scene.advice() if "averages over" in text]
+    assert bool(said) == told
+    assert not told or "1.3 grain diameters" in said[0]
+
+
 # -- a sweep ---------------------------------------------------------------------------------------
 
 
