@@ -166,13 +166,20 @@ def change(values: dict[str, Any], key: str, value: Any) -> None:
 
 
 def give_way(values: dict[str, Any], changes: Mapping[str, Any]) -> None:
-    """Take back the keys of a table that a changed one replaces, unless they are changed too."""
+    """Take back the keys of a table that a changed one replaces, unless they are changed too.
+
+    Companions go with the way that they belong to: a velocity of the grains beside their fraction,
+    not one that stands on its own.
+    """
     for table, ways in INSTEAD.items():
+        held = values.get(table)
         changed = {name for name in ways if f"{table}.{name}" in changes}
-        group = {*ways, *(companion for names in ways.values() for companion in names)}
-        kept = changed | {companion for name in changed for companion in ways[name]}
-        if changed and isinstance(values.get(table), Mapping):
-            values[table] = {k: v for k, v in values[table].items() if k not in group - kept}
+        if not changed or not isinstance(held, Mapping):
+            continue
+        replaced = [name for name in ways if name in held and name not in changed]
+        gone = {*replaced, *(companion for name in replaced for companion in ways[name])}
+        kept = {companion for name in changed for companion in ways[name]}
+        values[table] = {k: v for k, v in held.items() if k not in gone - kept}
 
 
 def _as_table(value: Any, key: str) -> dict[str, Any]:

@@ -306,6 +306,7 @@ def sweep_picture(
     varied: Sequence[str] | None = None,
     units: Mapping[str, str] | None = None,
     title: str = "",
+    errors: Mapping[str, Sequence[float | None]] | None = None,
 ) -> None:
     """Draw every quantity of a sweep against the varied parameter.
 
@@ -313,8 +314,9 @@ def sweep_picture(
     varied : names of the varied columns, by default the first; the first is the abscissa, each
         combination of the others is a line
     units : of the columns
+    errors : of the quantities that have some, drawn as bars; None where there is none
     """
-    units = units or {}
+    units, errors = units or {}, errors or {}
     varied = list(varied or list(table)[:1])
     shown = [name for name in table if name not in varied and _numeric(table[name])]
     columns = min(3, max(len(shown), 1))
@@ -322,7 +324,7 @@ def sweep_picture(
     figure = Figure(figsize=(3.9 * columns, 3.0 * rows + 0.5), layout="constrained")
     grid = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes, name in zip(grid, shown, strict=False):
-        plot_lines(axes, table, varied, name)
+        plot_lines(axes, table, varied, name, errors.get(name))
         axes.set_xlabel(_with_unit(varied[0], units), fontsize=9)
         axes.set_ylabel(_with_unit(name, units), fontsize=9)
     for axes in grid[len(shown) :]:
@@ -432,10 +434,18 @@ def _with_unit(name: str, units: Mapping[str, str]) -> str:
 
 
 def plot_lines(
-    axes: Axes, table: Mapping[str, Sequence[Any]], varied: list[str], name: str
+    axes: Axes,
+    table: Mapping[str, Sequence[Any]],
+    varied: list[str],
+    name: str,
+    errors: Sequence[float | None] | None = None,
 ) -> None:
-    """One line for each combination of the other varied values; only markers for names."""
+    """One line for each combination of the other varied values; only markers for names.
+
+    errors : half lengths of the bars; none where it is None
+    """
     x, y = np.asarray(table[varied[0]]), np.asarray(table[name], dtype=float)
+    bars = np.zeros(len(y)) if errors is None else np.nan_to_num(np.asarray(errors, dtype=float))
     others = [[str(v) for v in table[other]] for other in varied[1:]]
     groups = [", ".join(parts) for parts in zip(*others, strict=True)] or [""] * len(y)
     for group in dict.fromkeys(groups):
@@ -443,7 +453,10 @@ def plot_lines(
         if _numeric(x):
             rows = rows[np.argsort(x[rows], kind="stable")]
         style = "o-" if _numeric(x) else "o"
-        axes.plot(x[rows], y[rows], style, markersize=5, linewidth=1.4, label=group)
+        (line,) = axes.plot(x[rows], y[rows], style, markersize=5, linewidth=1.4, label=group)
+        if bars[rows].any():
+            colour = line.get_color()
+            axes.errorbar(x[rows], y[rows], bars[rows], fmt="none", ecolor=colour, capsize=2)
     if not _numeric(x):
         axes.margins(x=0.15)
         axes.tick_params(axis="x", rotation=20 if max(map(len, map(str, x))) > 8 else 0)

@@ -49,6 +49,7 @@ class Point:
     quantities, errors : by name, in the units of `unit_of`; empty if it failed
     start : "cold", or "warm" from the point before
     cpu_seconds, factorisations : of the solve
+    warnings : what the answer does not hold for
     """
 
     number: int
@@ -60,6 +61,7 @@ class Point:
     errors: dict[str, float | None] = field(default_factory=dict)
     cpu_seconds: float = 0.0
     factorisations: int = 0
+    warnings: list[str] = field(default_factory=list)
 
     @property
     def solved(self) -> bool:
@@ -275,7 +277,7 @@ def solve(
 
 def _take(point: Point, result: Result, answer: Answer) -> None:
     point.status, point.start = result.status, answer.start
-    point.factorisations = answer.factorisations
+    point.factorisations, point.warnings = answer.factorisations, list(result.warnings)
     point.quantities = {name: quantity.value for name, quantity in result.quantities.items()}
     point.errors = {name: q.error_estimate for name, q in result.quantities.items()}
 
@@ -378,12 +380,13 @@ def rows(sweep: Sweep, keys: Sequence[str]) -> Iterator[list[Any]]:
     head = [f"{key} [{told[key]}]" if told[key] else key for key in keys]
     for name in names:
         head += [f"{name} [{told[name]}]", f"{name} error [{told[name]}]"]
-    yield [*head, "status", "start", "CPU [s]", "factorisations", "reason"]
+    yield [*head, "status", "start", "CPU [s]", "factorisations", "reason", "warnings"]
     for p in sweep.points:
         row = [_shown(p.values[key]) for key in keys]
         for name in names:
             row += [_cell(p.quantities.get(name)), _cell(p.errors.get(name))]
-        yield [*row, p.status, p.start, f"{p.cpu_seconds:.3g}", p.factorisations, p.reason]
+        cost = [f"{p.cpu_seconds:.3g}", p.factorisations]
+        yield [*row, p.status, p.start, *cost, p.reason, "; ".join(p.warnings)]
 
 
 def _cell(value: float | None) -> str:
@@ -405,7 +408,8 @@ def _draw(sweep: Sweep, keys: Sequence[str], title: str) -> None:
         shared = [n for n in solved[0].quantities if all(n in p.quantities for p in solved)]
         columns = {key: [_shown(p.values[key]) for p in solved] for key in keys}
         columns |= {name: [p.quantities[name] for p in solved] for name in shared}
-        sweep_picture(sweep.directory / PICTURE, columns, keys, units(columns), title)
+        errors = {name: [p.errors.get(name) for p in solved] for name in shared}
+        sweep_picture(sweep.directory / PICTURE, columns, keys, units(columns), title, errors)
 
 
 if __name__ == "__main__":

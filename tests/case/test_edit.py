@@ -128,6 +128,16 @@ def test_a_velocity_beside_the_fraction_makes_a_flux(root: Path) -> None:
     assert case.scene.solids_feed == ("flux", pytest.approx(0.245 * 6))
 
 
+def test_the_speed_of_a_feed_of_grains_stays_beside_another_mass_flow(root: Path) -> None:
+    """In a slug tube the velocity is that of the layers, not the companion of a fraction."""
+    case = Case.load(root / "demos/slug_tube/curves.toml", ["operation.solids_velocity=0.16"])
+    changed = case.with_values({"operation.solids_mass_flow": 0.0027})
+    assert (changed.scene.feed.solids_velocity, changed.scene.feed.solids_mass_flow) == (
+        0.16,
+        0.0027,
+    )
+
+
 def test_a_key_is_changed_once(root: Path) -> None:
     with pytest.raises(InputError, match="each key once"):
         Case.load(root / "demos/dense_pipe/case3.toml", ["title=a", "title=b"])

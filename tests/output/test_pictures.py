@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -185,6 +186,21 @@ def test_sweep_lines_are_sorted_and_grouped() -> None:
     assert list(first.get_xdata()) == [1.0, 2.0, 3.0]
     assert list(first.get_ydata()) == [1.0, 4.0, 9.0]
     assert (second.get_label(), list(second.get_ydata())) == ("b", [7.0])
+
+
+@pytest.mark.parametrize("x", [[3.0, 1.0, 2.0], ["level", "uphill", "upright"]])
+def test_sweep_lines_carry_the_errors_of_their_points(x: list[Any]) -> None:
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    errors = [0.9, None, 0.4]
+    pictures.plot_lines(axes, {"x": x, "y": [9.0, 1.0, 4.0]}, ["x"], "y", errors)
+    (bars,) = axes.collections
+    ends = sorted(tuple(segment[:, 1]) for segment in bars.get_segments())
+    assert ends == [(1.0, 1.0), (3.6, 4.4), (8.1, 9.9)]
+    bare = Figure().subplots()
+    pictures.plot_lines(bare, {"x": x, "y": [9.0, 1.0, 4.0]}, ["x"], "y", [None, None, None])
+    assert not bare.collections
 
 
 @pytest.mark.filterwarnings("error")

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import csv
 import inspect
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,11 @@ from mpi4py import MPI
 import fem_tfm as ft
 from fem_tfm.case import Case
 from fem_tfm.errors import InputError
+from fem_tfm.output.result import unit_of
 from fem_tfm.output.slug import pictures
 from fem_tfm.scenes.slug import told
 from fem_tfm.scenes.slug.recorder import TubeRecorder
+from fem_tfm.study import sweep
 
 
 def case(**changes: Any) -> Case:
@@ -52,6 +55,7 @@ def test_files_open_in_their_readers(solved: tuple[ft.Result, Path]) -> None:
     _, out = solved
     names = {path.name for path in out.iterdir()}
     wanted = {"grains.pvd", "slugs.csv", "along.csv", "profile.csv", "porosity.png", "slugs.png"}
+    assert wanted | {"slug.png"} <= names
     assert wanted | {"film.gif", "fields.xdmf", "result.json", "monitor.csv"} <= names
     listed = (out / "grains.pvd").read_text(encoding="utf-8")
     assert listed.count("DataSet") == 7
@@ -213,3 +217,42 @@ def test_what_does_not_fit_is_refused_by_its_key(changes: dict[str, Any], key: s
     with pytest.raises(InputError) as caught:
         case(**changes)
     assert caught.value.key == key
+
+
+@pytest.mark.parametrize(
+    ("across", "width", "told"), [(2, 1.0, True), (4, 1.0, False), (2, 1.5, False)]
+)
+def test_a_mesh_too_coarse_for_its_averages_is_warned_of(
+    across: int, width: float, told: bool
+) -> None:
+    changes = {"numerics.cells_across": across, "numerics.averaging_width": width}
+    said = [text for text in case(**changes).scene.advice() if "averages over" in text]
+    assert bool(said) == told
+    assert not told or "1.3 grain diameters" in said[0]
+
+
+# -- a sweep ---------------------------------------------------------------------------------------
+
+
+def test_a_sweep_tells_the_errors_of_its_points_and_goes_on(tmp_path: Path) -> None:
+    """Two processes share the points; a point that is lost alone is solved again."""
+    short = {"geometry.length": 0.02, "numerics.end_time": 3.6, "averages.begin": 0.5}
+    short |= {"averages.low": 0.005, "averages.high": 0.018, "numerics.cells_across": 2}
+    short |= {"closures.contact.stiffness": 25.0}
+    key, chosen = "operation.gas_superficial_velocity", case(**short)
+    found = sweep.run(chosen, {key: [3.0, 4.0]}, tmp_path, jobs=2)
+    assert not found.failed
+    with (tmp_path / sweep.TABLE).open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    for row, point in zip(rows, found.points, strict=True):
+        assert point.quantities["grains_in_tube"] > 50
+        assert set(point.errors) == set(point.quantities)
+        for name in ("pressure_gradient", "grains_in_tube", "slug_rate"):
+            assert 0 < point.errors[name]
+            unit = unit_of(name)
+            told = row[f"{name} error [{unit}]" if unit else f"{name} error"]
+            assert float(told) == pytest.approx(point.errors[name], rel=1e-9)
+    (tmp_path / "points" / "1.json").unlink()
+    again = sweep.run(chosen, {key: [3.0, 4.0]}, tmp_path, resume=True)
+    assert again.points[0].cpu_seconds == found.points[0].cpu_seconds
+    assert again.points[1].quantities == found.points[1].quantities

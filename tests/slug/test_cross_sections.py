@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fem_tfm.geometry.section import RectangularSection, RoundSection
-from fem_tfm.models.slug.cross_sections import layers, picture
+from fem_tfm.models.slug.cross_sections import Still, layers, picture
 from fem_tfm.models.slug.feed import filled
 from fem_tfm.models.slug.grains import Grain, Grains, Walls
 
@@ -65,3 +65,15 @@ def test_a_picture_of_nothing_is_empty() -> None:
     made = sheared(TUBE)
     solids, velocity = picture(made, TUBE, 0.2, 0.21, 20)
     assert np.nanmax(solids) == 0.0 and np.isnan(velocity).all()
+
+
+def test_a_still_is_what_reaches_into_a_stretch() -> None:
+    made = sheared(TUBE)
+    still = Still.of(1.5, made, 0.014, 0.028)
+    assert still.time == 1.5 and 0 < len(still.place) < len(made.place)
+    for one, all_of in zip(
+        picture(still, TUBE, 0.014, 0.028, 30), picture(made, TUBE, 0.014, 0.028, 30), strict=True
+    ):
+        assert np.array_equal(one, all_of, equal_nan=True)
+    a, b = layers(still, TUBE, 0.014, 0.028), layers(made, TUBE, 0.014, 0.028)
+    assert a.velocity == pytest.approx(b.velocity, rel=1e-12)

@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 from fem_tfm.models.slug.slices import Samples
-from fem_tfm.models.slug.slugs import Estimate, along, follow, profile, rate, sighted, statistics
+from fem_tfm.models.slug.slugs import (
+    Estimate,
+    along,
+    bulk,
+    follow,
+    profile,
+    rate,
+    sighted,
+    statistics,
+)
 
 AREA, GRAIN = 3.848e-5, 1.437e-9
 SPEED, PERIOD, LENGTH, BED = 0.4, 0.5, 0.042, 0.1
@@ -101,6 +110,18 @@ def test_numbers_along_the_tube() -> None:
     assert [e.value for e in found.rate[1:-1]] == pytest.approx([2.0] * 5, rel=0.1)
     assert [e.value for e in found.length[1:-1]] == pytest.approx([LENGTH] * 5, rel=0.05)
     assert found.quartiles["top_velocity"][:, 3] == pytest.approx([0.3, 0.3])
+
+
+def test_a_filled_tube_is_no_slug() -> None:
+    made = samples(6.0)
+    assert bulk(made, 0.25) == 0.0 and bulk(made, 0.03) == 1.0
+    for number in range(0, len(made.time), 2):
+        made.solids[number] = np.full(150, 0.5)
+    assert bulk(made, 0.25) == 0.5
+    for number in range(len(made.time)):
+        made.solids[number] = np.full(150, 0.5)
+    found = statistics(made, 0.2, 0.45)
+    assert found.slugs == 0 and math.isnan(found.slug_velocity.value)
 
 
 def test_the_average_slug() -> None:

@@ -132,8 +132,13 @@ class Encounters:
         self.partners[..., 7] = self.diameter.mean(axis=1)[:, None]
         self.fields[..., 0] = self.sums[..., 8] * self.quanta["pair_mass"] / np.asarray(volume)
         self.fields[..., 1:] = self.partners[..., :7]
-        before, self._frequency = self._frequency, float(self._expected(np.asarray(time, dtype=float)))
-        return abs(self._frequency - before) / max(self._frequency, 1e-300) if self._frequency else 0.0
+        before, self._frequency = (
+            self._frequency,
+            float(self._expected(np.asarray(time, dtype=float))),
+        )
+        return (
+            abs(self._frequency - before) / max(self._frequency, 1e-300) if self._frequency else 0.0
+        )
 
     def _expected(self, time: Floats) -> Any:
         """Mean frequency of collisions between particles of a kind, without correlation [1/s]."""

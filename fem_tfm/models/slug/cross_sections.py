@@ -19,6 +19,28 @@ PLANES = 8
 
 
 @dataclass(frozen=True)
+class Still:
+    """Grains of a stretch at one time.
+
+    time : [s]
+    place, velocity : (n, 3) [m], [m/s]
+    radius : (n,) [m]
+    """
+
+    time: float
+    place: Array
+    radius: Array
+    velocity: Array
+
+    @classmethod
+    def of(cls, time: float, grains: Grains | Still, low: float, high: float) -> Still:
+        """The grains that reach into a stretch between two places [m]."""
+        place, radius = grains.place, grains.radius
+        near = (place[:, 2] > low - radius) & (place[:, 2] < high + radius)
+        return cls(time, place[near], radius[near], grains.velocity[near])
+
+
+@dataclass(frozen=True)
 class Layers:
     """Horizontal layers of a stretch, from the bottom.
 
@@ -34,7 +56,9 @@ class Layers:
     spread: Array
 
 
-def layers(grains: Grains, section: Section, low: float, high: float, number: int = 10) -> Layers:
+def layers(
+    grains: Grains | Still, section: Section, low: float, high: float, number: int = 10
+) -> Layers:
     """Layers of the grains whose centres are between two places [m]."""
     place, radius, velocity = grains.place, grains.radius, grains.velocity
     inside = (place[:, 2] >= low) & (place[:, 2] < high)
@@ -53,7 +77,7 @@ def layers(grains: Grains, section: Section, low: float, high: float, number: in
 
 
 def picture(
-    grains: Grains, section: Section, low: float, high: float, pixels: int = 60
+    grains: Grains | Still, section: Section, low: float, high: float, pixels: int = 60
 ) -> tuple[Array, Array]:
     """Fraction of solids and mean velocity along the tube [m/s] in pixels of the section.
 

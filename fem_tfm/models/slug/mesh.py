@@ -25,8 +25,9 @@ from fem_tfm.models.slug.grains import Grains
 Array = npt.NDArray[np.float64]
 # Gauss points of all integrals, in UFL and in tables: exact for three basis functions of a brick
 DEGREE = 3
-# volume of the least node over that of a grain
-LEAST_VOLUME = 0.3
+# volume of the least node over that of a grain, and the least average over its diameter that takes
+# the place of larger nodes
+LEAST_VOLUME, LEAST_WIDTH = 0.3, 0.5
 # digits to which nodes of one plane agree
 ROUNDING = 9
 
@@ -41,7 +42,8 @@ def tube_mesh(
     """Straight-edged hexahedra with the area of the section.
 
     across : cells across the section, an even number, or 1 in a round section
-    layers : along the tube, default half as long as the section is wide, or cells as long as wide
+    layers : along the tube, default half as long as the section is wide, or cells at most twice as
+        long as wide
     arc : in the axis, None for a straight tube
 
     Raises InputError for another number of cells across.
@@ -56,7 +58,7 @@ def tube_mesh(
         section,
         resolution,
         length,
-        layers or max(round(length / width), 1),
+        layers or max(round(length / (2 * min(section.size) / max(across, 4))), 1),
         MPI.COMM_SELF,
         arc=arc,
         order=1,

@@ -18,6 +18,7 @@ from scipy.linalg import lapack
 
 from fem_tfm.errors import SolverError
 from fem_tfm.fenics import compile_forms
+from fem_tfm.models.slug.averaging import Averaging
 from fem_tfm.models.slug.forms import GasForms
 from fem_tfm.models.slug.gas import TubeGas, resistance
 from fem_tfm.models.slug.grains import Grains
@@ -48,25 +49,28 @@ class Band:
         a, b = (np.take_along_axis(tube.cells, one[:, None], axis=2) for one in (first, second))
         self.width = int((a - b).max())
         self._size = (self.width + 1) * self.unknowns
-        place = np.where(a < self.unknowns, (a - b) * self.unknowns + b, self._size)
+        # column by column, as LAPACK wants it
+        place = np.where(a < self.unknowns, (a - b) + b * (self.width + 1), self._size)
         self._place = place.ravel()
 
     def __call__(self, mobility: Array) -> Array:
         """Lower band (width + 1, unknowns)."""
         values = by_cell(mobility, self._table).ravel()
         found = np.bincount(self._place, values, minlength=self._size + 1)[:-1]
-        return found.reshape(self.width + 1, self.unknowns)
+        return found.reshape(self.unknowns, self.width + 1).T
 
 
 class GasPressure:
     """The pressure field, its steps, and the force on the grains.
 
+    width : standard deviation of the averages of the grains [m], 0 where the mesh alone averages
     pressure : P' at the nodes [Pa]
     porosity, velocity : f and u at the nodes, from the grains
     """
 
-    def __init__(self, tube: TubeMesh, gas: TubeGas, diameter: float) -> None:
+    def __init__(self, tube: TubeMesh, gas: TubeGas, diameter: float, width: float = 0.0) -> None:
         self.tube, self.gas, self.diameter = tube, gas, diameter
+        self.average = Averaging(tube, width)
         self.band = Band(tube)
         n = tube.size
         self.pressure, self.before = np.zeros(n), np.zeros(n)
@@ -74,6 +78,9 @@ class GasPressure:
         self.solids = np.zeros(n)
         self.last_step = 0.0
         self._inlet = self._inlet_weights()
+        # what the slope of the pressure is needed for
+        inertial = bool(gas.permeability.resistance(0.5, gas, diameter)[1])
+        self._sloping = inertial or gas.balance == "full"
         # the bed's share of the resistance at the points, in the last step
         self._share = np.zeros((*tube.cells.shape[:2], tube.weights.shape[-1]))
 
@@ -87,7 +94,8 @@ class GasPressure:
 
     def take(self, grains: Grains) -> None:
         """Take porosity and velocity from the grains."""
-        self.set_grains(*self.tube.spread(grains))
+        volume, momentum = self.tube.spread(grains)
+        self.set_grains(self.average.spread(volume), self.average.spread(momentum))
 
     def set_grains(self, solids: Array, momentum: Array) -> None:
         """Set porosity and velocity from the volume (n,) and volume times velocity (n, 3)."""
@@ -100,7 +108,7 @@ class GasPressure:
         """Put the force of the gas on the grains that `take` has seen last."""
         some = np.maximum(self.solids, 1e-300)[:, None]
         field = np.where(self.solids[:, None] > 0, self.nodal_force() / some, 0.0)
-        self.tube.tents.pull(grains.core, np.ascontiguousarray(field))
+        self.tube.tents.pull(grains.core, np.ascontiguousarray(self.average(field)))
 
     def nodal_force(self) -> Array:
         """-int s grad P' w with the bed's share s of the resistance, (n, 3) [N].
@@ -118,7 +126,7 @@ class GasPressure:
         """c/r and the bed's share at the points; right hand side without the inlet."""
         tube, gas = self.tube, self.gas
         porosity, velocity = tube.value(self.porosity), tube.vector(self.velocity)
-        slope = tube.slope(ahead)
+        slope = tube.slope(ahead) if self._sloping else np.zeros((1, 1, 3, 1))
         size = np.sqrt((slope**2).sum(axis=2))
         open_share = np.maximum(porosity, gas.porosity_floor)
         radius = tube.mesh.section.radius

@@ -208,9 +208,13 @@ class SlugStatistics:
 def statistics(
     samples: Samples, low: float, high: float, limit: float = POROSITY, shortest: float = SHORTEST
 ) -> SlugStatistics:
-    """Statistics of the slugs whose centres are between two places [m]."""
+    """Statistics of the slugs whose centres are between two places [m].
+
+    What is longer than this stretch is no slug but a filled tube, which `bulk` tells.
+    """
     tracks = follow(samples, limit, shortest)
-    inside = [t for t in (t.within(low, high) for t in tracks) if len(t.sightings) >= LEAST]
+    short = [Track([s for s in t.sightings if s.length < high - low]) for t in tracks]
+    inside = [t for t in (t.within(low, high) for t in short) if len(t.sightings) >= LEAST]
 
     def mean(name: str) -> Estimate:
         return Estimate.of([np.mean([getattr(s, name) for s in t.sightings]) for t in inside])
@@ -231,11 +235,23 @@ def statistics(
     )
 
 
+def bulk(samples: Samples, length: float, limit: float = POROSITY) -> float:
+    """Share of the samples in which grains fill the tube over more than a length [m]."""
+    found = [
+        any(s.length >= length for s in sighted(samples, number, limit, length))
+        for number in range(len(samples.time))
+    ]
+    return float(np.mean(found)) if found else 0.0
+
+
 def rate(samples: Samples, tracks: list[Track], z: float) -> Estimate:
-    """Slugs that pass a place in a second [1/s]."""
+    """Slugs that pass a place in a second [1/s].
+
+    The error is that of a count, sqrt(n), and of one slug where none has passed.
+    """
     number = int(np.isfinite([t.crossing(z) for t in tracks]).sum())
     duration = samples.time[-1] - samples.time[0]
-    return Estimate(number / duration, float(np.sqrt(number)) / duration)
+    return Estimate(number / duration, float(np.sqrt(max(number, 1))) / duration)
 
 
 @dataclass(frozen=True)
@@ -244,7 +260,8 @@ class Along:
 
     place : middles of the bins [m]
     rate : slugs that pass [1/s]
-    least_porosity, top_velocity, length : means (bins,), their errors, and quartiles (2, bins)
+    least_porosity, top_velocity, length : means (bins,) and their errors
+    quartiles : of these three, (2, bins)
     """
 
     place: Array
@@ -255,10 +272,12 @@ class Along:
     quartiles: dict[str, Array]
 
 
-def along(samples: Samples, bins: int = 21, shortest: float = SHORTEST) -> Along:
+def along(
+    samples: Samples, bins: int = 21, limit: float = POROSITY, shortest: float = SHORTEST
+) -> Along:
     """Numbers of the slugs in bins along the tube; a slug counts once in every bin."""
     edges = np.linspace(samples.edges[0], samples.edges[-1], bins + 1)
-    tracks, names = follow(samples, shortest=shortest), ("least_porosity", "top_velocity", "length")
+    tracks, names = follow(samples, limit, shortest), ("least_porosity", "top_velocity", "length")
     means: dict[str, list[Estimate]] = {name: [] for name in names}
     spread: dict[str, list[Array]] = {name: [] for name in names}
     for low, high in pairwise(edges):

@@ -18,13 +18,13 @@ from fem_tfm.geometry.shapes import Bend, Shape
 from fem_tfm.models.slug.feed import Feed, Feeder, filled
 from fem_tfm.models.slug.gas import TubeGas
 from fem_tfm.models.slug.grains import STEPS_PER_CONTACT, Grain, Grains, Walls
-from fem_tfm.models.slug.mesh import LEAST_VOLUME, TubeMesh, tube_mesh
+from fem_tfm.models.slug.mesh import LEAST_VOLUME, LEAST_WIDTH, TubeMesh, tube_mesh
 from fem_tfm.models.slug.pressure import GasPressure
 from fem_tfm.models.slug.ranks import SharedGrains
 from fem_tfm.parameters import Parameters, parameter
 
 # a time step that is not given is this share of the longest one
-EASY = 0.65
+EASY = 0.78
 
 
 @dataclass(frozen=True)
@@ -54,18 +54,23 @@ class Conveying(Parameters):
 class Steps(Parameters):
     """Steps in time, and the mesh of the gas.
 
-    time_step : of the grains, by default two thirds of the longest one; shortened so that a gas
+    time_step : of the grains, by default 0.78 of the longest one; shortened so that a gas
         step is a whole number of them
     gas_step : of the pressure
-    cells_across, cells_along : of the pressure's mesh, along by default as long as wide
+    cells_across, cells_along : of the pressure's mesh, along by default twice as long as wide
+    averaging_width : standard deviation of the averages of the grains that the gas sees, over
+        their diameter; a mesh that is too coarse for it averages by itself
     skin : of the neighbour list over the grains' diameter; it has no influence on the result
     threads : that share the grains; they have no influence on the result
     """
 
     time_step: float | None = parameter(None, "s", "time step of the grains", gt=0, le=1)
-    gas_step: float = parameter(5e-4, "s", "time step of the gas pressure", gt=0, le=10)
-    cells_across: int = parameter(2, doc="cells of the pressure's mesh across", ge=1, le=100)
+    gas_step: float = parameter(1e-3, "s", "time step of the gas pressure", gt=0, le=10)
+    cells_across: int = parameter(4, doc="cells of the pressure's mesh across", ge=1, le=100)
     cells_along: int | None = parameter(None, doc="cells along the tube", ge=1, le=1000000)
+    averaging_width: float = parameter(
+        1.0, doc="standard deviation of the averages of the grains over their diameter", ge=0, le=10
+    )
     skin: float = parameter(0.2, doc="skin of the neighbour list over the diameter", gt=0, le=2)
     threads: int = parameter(1, doc="threads that share the grains", ge=1, le=1024)
     table: ClassVar[str] = "numerics"
@@ -139,7 +144,8 @@ class SlugTube:
         else:
             self.grains = Grains(*moved, gravity, **given)
         mesh = _gas_mesh(shape, self.steps, grain.diameter)
-        self.gas = GasPressure(mesh, gas, grain.diameter)
+        width = self.steps.averaging_width * grain.diameter
+        self.gas = GasPressure(mesh, gas, grain.diameter, width)
         self.number, self.out, self.start = 0, 0, 0
         if full:
             self._fill(grain, seed)
@@ -262,9 +268,12 @@ def _gas_mesh(shape: Shape, steps: Steps, diameter: float) -> TubeMesh:
         return TubeMesh(tube_mesh(section, shape.length, across, along, shape.arc))
 
     mesh = made(steps.cells_across, steps.cells_along)
-    if mesh.least(diameter) >= LEAST_VOLUME:
+    if steps.averaging_width >= LEAST_WIDTH or mesh.least(diameter) >= LEAST_VOLUME:
         return mesh
-    reason = f"or a node of the gas's mesh would have less than the volume of {LEAST_VOLUME} grains"
+    reason = (
+        f"or numerics.averaging_width from {LEAST_WIDTH}, for a node of the gas's mesh would have"
+        f" less than the volume of {LEAST_VOLUME} grains"
+    )
     for across in range(steps.cells_across - 2, 1, -2):
         if made(across, steps.cells_along).least(diameter) >= LEAST_VOLUME:
             raise InputError("numerics.cells_across", steps.cells_across, f"{across}, {reason}")

@@ -7,6 +7,9 @@ along.csv           numbers of the slugs by their place
 profile.csv         the average slug
 porosity.png        porosity over place and time
 slugs.png           numbers of the slugs along the tube, and the average slug
+slug.png            the longest slug of the film from the side
+sections.png        sections of a slug that passes the middle of the tube
+layers.csv          velocity of its grains over the height
 film.gif            the grains of the last second or so
 wall.vtu, wear.csv, wear.png   impacts on the walls, where wear is asked for
 """
@@ -25,6 +28,7 @@ FILES = (
     "result.json", "report.html", "monitor.csv", "run.log", "fields.xdmf", "fields.h5",
     "grains.pvd", "slugs.csv", "along.csv", "profile.csv", "porosity.png", "slugs.png", "film.gif",
     "wall.vtu", "wear.csv", "wear.png",
+    "slug.png", "sections.png", "layers.csv",
 )  # fmt: skip
 
 

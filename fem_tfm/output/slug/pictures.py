@@ -60,7 +60,8 @@ def slugs_picture(
 ) -> None:
     """Draw numbers of the slugs by their place and the average slug, with standard errors.
 
-    Panels of a time [s] in which there was no slug say so.
+    Panels of a time [s] in which there was no slug say so. Dotted are the quartiles of the slugs,
+    and the wall stress that their weight alone makes.
 
     along : "place" [m], and a column with "<name> error" for each of `PANELS`
     profile : "offset" [m], and likewise for each of `SLUG_PANELS`
@@ -81,8 +82,14 @@ def slugs_picture(
                 _curve(axes, 100 * columns[at], columns, name)
             axes.set_xlabel(label, fontsize=8)
             axes.set_title(what, fontsize=9)
+            for rank in ("lower", "upper"):
+                if f"{name} {rank} quartile" in columns:
+                    values = columns[f"{name} {rank} quartile"]
+                    axes.plot(100 * columns[at], values, ":", color="#1f5fa8", linewidth=0.9)
     if "contact" in profile and np.isfinite(profile["contact"]).any():
         _curve(grid[1, 3], 100 * profile["offset"], profile, "contact", "#d1782b")
+    if "weight" in profile:
+        grid[1, 4].plot(100 * profile["offset"], profile["weight"], ":", color="#333333")
     grid[0, 4].set_axis_off()
     save_figure(figure, path, title)
 
@@ -138,3 +145,61 @@ def film(
     with replaced(path) as temporary:
         made = FuncAnimation(figure, draw, frames=len(frames))
         made.save(temporary, writer=PillowWriter(fps=FRAMES))
+
+
+def side_picture(
+    path: str | Path, frame: tuple[float, Floats, Floats], low: float, high: float, height: float
+) -> None:
+    """The grains between two places [m] from the side; `frame` and `height` as in `film`."""
+    _, at, v = frame
+    figure = Figure(figsize=(10.0, 1.6), dpi=120, layout="constrained")
+    axes = figure.subplots()
+    size = 200 * at[:, 2]
+    circles = EllipseCollection(
+        size, size, np.zeros(len(at)), units="xy", offsets=100 * at[:, :2],
+        transOffset=axes.transData, array=v, cmap="viridis", linewidths=0.3, edgecolors="k",
+    )  # fmt: skip
+    inside = (at[:, 0] > low) & (at[:, 0] < high)
+    circles.set_clim(0, max(float(v[inside].max(initial=0.0)), 1e-9))
+    axes.add_collection(circles)
+    figure.colorbar(circles, ax=axes).set_label("grain velocity [m/s]", fontsize=8)
+    axes.set_xlim(100 * low, 100 * high)
+    axes.set_ylim(-50 * height, 50 * height)
+    axes.set_aspect("equal")
+    axes.set_yticks(())
+    axes.tick_params(labelsize=8)
+    axes.set_xlabel("z [cm]", fontsize=8)
+    save_figure(figure, path, "")
+
+
+def sections_picture(
+    path: str | Path,
+    stills: Sequence[tuple[Floats, Floats]],
+    layers: Mapping[str, Floats],
+    title: str = "",
+) -> None:
+    """Draw sections of a slug that passes: solids and velocity, and velocity over the height.
+
+    stills : fraction of solids and velocity along the tube [m/s] in pixels, in turn
+    layers : "height" [m], "velocity" and its "spread" [m/s]
+    """
+    figure = Figure(figsize=(14.0, 3.2), layout="constrained")
+    left, right = np.ravel(figure.subfigures(1, 2, width_ratios=(5.0, 1.2), squeeze=False))
+    fastest = max((float(np.nanmax(v, initial=0.0)) for _, v in stills), default=0.0)
+    looks: Any = (("Greys", 0.0, 1.0), ("viridis", 0.0, max(fastest, 1e-9)))
+    grid = left.subplots(2, len(stills), squeeze=False)
+    for row, (name, low, high) in enumerate(looks):
+        for axes, still in zip(grid[row], stills, strict=True):
+            image = axes.imshow(still[row], cmap=name, vmin=low, vmax=high, origin="lower")
+            axes.set_axis_off()
+        label = ("solids fraction", "grain velocity [m/s]")[row]
+        left.colorbar(image, ax=grid[row], pad=0.01).set_label(label, fontsize=7)
+    axes = right.subplots()
+    y, v, spread = 1000 * layers["height"], layers["velocity"], layers["spread"]
+    axes.plot(v, y, color="#1f5fa8", linewidth=1.4)
+    axes.fill_betweenx(y, v - spread, v + spread, color="#1f5fa8", alpha=0.25, linewidth=0)
+    axes.set_xlabel("grain velocity [m/s]", fontsize=8)
+    axes.set_ylabel("y [mm]", fontsize=8)
+    axes.tick_params(labelsize=7)
+    axes.grid(color="#dddddd", linewidth=0.6)
+    save_figure(figure, path, title)

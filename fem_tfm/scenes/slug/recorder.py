@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from functools import partial
@@ -11,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fem_tfm.models.slug.slices import Sampler, Samples
+from fem_tfm.models.slug.cross_sections import Still
+from fem_tfm.models.slug.slices import SLICE, Sampler, Samples
 from fem_tfm.models.slug.tube import SlugTube
 from fem_tfm.output import checkpoint
 from fem_tfm.output.fields import FieldWriter, snapshot
@@ -23,8 +25,8 @@ from fem_tfm.output.slug.wear import WallWear
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.slug import told
 
-# the last stretch of a run that becomes a film [s]
-FILM = 1.5
+# the last stretch of a run that becomes a film, and that in which sections are looked at [s]
+FILM, SECTIONS = 1.5, 4.0
 COLUMNS = {
     "step": "",
     "time": "s",
@@ -62,6 +64,7 @@ class TubeRecorder(Recorder):
         self._writer: FieldWriter | None = None
         self._series: files.Series | None = None
         self._frames: list[tuple[float, NDArray[np.float64], NDArray[np.float64]]] = []
+        self._stills: list[Still] = []
         # impacts since the last sample
         self._impacts: list[NDArray[np.float64]] = []
         self.wear: WallWear | None = None
@@ -110,6 +113,10 @@ class TubeRecorder(Recorder):
             end = self.scene.numerics.end_time
             if tube.time > end - FILM and len(self.samples.time) % 2 == 0:
                 self._frames.append(self._frame())
+            if tube.time > end - SECTIONS:
+                middle = tube.shape.length / 2
+                low, high = middle - SLICE / 2, middle + SLICE / 2
+                self._stills.append(Still.of(tube.time, self._in_line(), low, high))
         if tube.number % self._output == 0 or self.done:
             self._keep()
             self.log(f"step {tube.number}: {self._warning()}")
@@ -120,6 +127,13 @@ class TubeRecorder(Recorder):
         at = grains.place[:, self.scene.view]
         velocity = self.tube.in_line(grains.place, grains.velocity)[:, 2]
         return self.tube.time, np.column_stack([at, grains.radius]), velocity
+
+    def _in_line(self) -> Still:
+        """All grains in the straight line that a bend stands for."""
+        grains, arc = self.tube.grains.everything(), self.scene.geometry.arc
+        place = grains.place if arc is None else arc.straightened(grains.place)
+        velocity = self.tube.in_line(grains.place, grains.velocity)
+        return Still(self.tube.time, place, grains.radius, velocity)
 
     def _wear_away(self) -> None:
         """Enter the impacts since the last sample into the sums of the wall."""
@@ -140,26 +154,28 @@ class TubeRecorder(Recorder):
 
     def _tell(self) -> None:
         """A row of the monitor and the early-warning line."""
-        tube, samples = self.tube, self.samples
-        # those of the last sample, in which a process hears of all grains
-        inside, fastest = tube.grains.inside(), self._sampler.fastest
-        self._row = {
+        if self.monitor is not None:
+            self.monitor.write(self._row())
+        self.progress.update(self.tube.number / self._last, self._warning())
+
+    def _row(self) -> dict[str, Any]:
+        """What the monitor tells of the tube now; porosities are those of the last sample."""
+        tube, solids = self.tube, self.samples.solids
+        inside = tube.grains.inside()
+        return {
             "step": tube.number,
             "time": tube.time,
             "grains": inside,
             "fed": tube.fed,
             "out": tube.out,
             "pressure_drop": tube.gas.drop,
-            "max_solids_fraction": float(samples.solids[-1].max()),
-            "fastest": fastest,
+            "max_solids_fraction": float(solids[-1].max()) if solids else math.nan,
+            "fastest": self._sampler.fastest,
             "grain_error": tube.start + tube.fed - inside - tube.out,
         }
-        if self.monitor is not None:
-            self.monitor.write(self._row)
-        self.progress.update(tube.number / self._last, self._warning())
 
     def _warning(self) -> str:
-        row, end = self._row, self.scene.numerics.end_time
+        row, end = self._row(), self.scene.numerics.end_time
         return (
             f"{row['time']:.4g} of {end:g} s, {row['grains']} grains, drop"
             f" {row['pressure_drop']:.4g} Pa, max alpha_s {row['max_solids_fraction']:.3f},"
@@ -204,7 +220,6 @@ class TubeRecorder(Recorder):
         if self.wear is not None:
             self.wear.restore(_part(arrays, "wear"))
             self._impacts = [_part(arrays, "impacts")["rows"]]
-        self._row = dict.fromkeys(COLUMNS, 0.0) | {"time": self.tube.time}
 
     def step_back(self) -> None:
         """Keep the state after the last step."""
@@ -219,8 +234,8 @@ class TubeRecorder(Recorder):
         out = self.out
         if out is not None and len(self.samples.time) > 1:
             box = tube.gas.tube.points[:, scene.view]
-            frames = told.Film(self._frames, (*box.min(axis=0), *box.max(axis=0)))
-            on_root(self.comm, lambda: told.write(out, self.samples, scene, frames, self.wear))
+            seen = told.Seen(self._frames, (*box.min(axis=0), *box.max(axis=0)), self._stills)
+            on_root(self.comm, lambda: told.write(out, self.samples, scene, seen, self.wear))
 
     def close(self) -> None:
         """Close the files."""
