@@ -140,6 +140,7 @@ def test_ranks_share_a_run_and_go_on_with_it(tmp_path: Path) -> None:
         assert one.balances["grains"] == 0 and one["grains_in_tube"] > 500
     rows = (tmp_path / "run" / "monitor.csv").read_text().splitlines()
     assert len(rows) == 21 and {row.rpartition(",")[2] for row in rows[1:]} == {"0"}
+    assert any("the law of wear was fitted from 50 m/s on" in text for text in found.warnings)
     samples = found.sections["samples"]
     assert len(samples.time) == 20
     # all ranks tell the same
@@ -207,6 +208,8 @@ def test_python_and_a_case_file_state_the_same_scene() -> None:
         ({"geometry.shape": "bend", "geometry.bend_start": 0.001}, "geometry.bend_start"),
         ({"operation.solids_velocity": 3.0}, "operation.solids_velocity"),
         ({"walls.wear": "archard"}, "walls.wear"),
+        ({"averages.wall_size": 1e-3}, "averages.wall_size"),
+        ({"averages.wall_size": 1e-6, "walls.wear": "oka"}, "averages.wall_size"),
     ],
 )
 def test_what_does_not_fit_is_refused_by_its_key(changes: dict[str, Any], key: str) -> None:

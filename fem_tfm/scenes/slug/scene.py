@@ -34,6 +34,8 @@ GRAIN_TIME, GAS_TIME, MEMORY = 6e-8, 1.0e-3, 300
 # share of the tube that is told of without other wishes
 STRETCH = (0.38, 0.86)
 OUTPUTS = 20
+# most triangles of a wall
+TRIANGLES = 1000000
 # an error above this share of its value is told, and a change of the grains in the tube
 UNCERTAIN, FILLING = 0.2, 0.1
 
@@ -120,8 +122,21 @@ class Slug(Scene[Physics, TubeRecorder]):
                 raise InputError(f"averages.{key}", place, words)
         if low >= high:
             raise InputError("averages.low", low, f"a place before averages.high = {high:g} m")
+        self._check_wall()
         # what does not fit is refused before anything is written
         self.tube()
+
+    def _check_wall(self) -> None:
+        """The triangles of the wall belong to a law of wear, and are not too many."""
+        size = self.averages.wall_size
+        if size is None:
+            return
+        if self.model.wear is None:
+            raise InputError("averages.wall_size", size, "a law walls.wear beside it")
+        least = math.sqrt(2 * self.geometry.perimeter * self.geometry.length / TRIANGLES)
+        if size < least:
+            words = f"at least {least:.2g} m, or the wall has more than {TRIANGLES} triangles"
+            raise InputError("averages.wall_size", size, words)
 
     def _check_feed(self) -> None:
         """The feed of a tube is checked where the tube is made."""
@@ -225,6 +240,12 @@ class Slug(Scene[Physics, TubeRecorder]):
             said.append(
                 f"no slug was followed between {low:.3g} and {high:.3g} m in"
                 f" {samples.time[-1] - self.begin:.3g} s"
+            )
+        law, speed = self.model.wear, answer.quantities.get("impact_speed", math.inf)
+        if law is not None and speed < law.slowest:
+            said.append(
+                f"impacts are at {speed:.2g} m/s on average, the law of wear was fitted from"
+                f" {law.slowest:g} m/s on: it tells where the wall wears, not how fast"
             )
         counts = np.array(samples.count, dtype=float)
         if len(counts) >= 4:
