@@ -46,3 +46,16 @@ def test_the_axis_of_a_bend_has_its_length_and_direction(towards: str, degrees: 
     last = arc.axis(x[-1:])[0]
     assert last @ [0, 0, 1] == pytest.approx(math.cos(math.radians(degrees)))
     assert last @ arc.normal == pytest.approx(math.sin(math.radians(degrees)))
+
+
+@pytest.mark.parametrize(("towards", "degrees"), TURNS)
+def test_vectors_turn_with_the_axis(towards: str, degrees: float) -> None:
+    """A vector of the straight line, carried along with the axis, comes back as it was."""
+    arc, random = bend(towards, degrees), np.random.default_rng(2)
+    x = random.uniform(-RADIUS, RADIUS, (50, 3))
+    x[:, 2] = np.linspace(0, arc.end + 3 * RADIUS, len(x))
+    v, there = random.normal(size=x.shape), arc.bent(x)
+    # across the axis a bend moves points as a rigid body does; along it goes the axis
+    across = v * [1, 1, 0]
+    carried = arc.bent(x + across) - there + v[:, 2:] * arc.axis(there)
+    np.testing.assert_allclose(arc.straightened_vectors(there, carried), v, atol=1e-12)

@@ -74,10 +74,10 @@ def test_the_weight_on_the_wall_is_that_of_the_grains(uphill: float) -> None:
 def test_a_filled_tube_is_told() -> None:
     made = samples()
     answer = Answer("finished", {}, {}, "pressure_gradient", errors={}, state=made)
-    assert scene().judge(answer) == []
+    assert not any("bulk" in text for text in scene().judge(answer))
     for number in range(len(made.time)):
         made.solids[number] = np.full(150, 0.5)
-    (said,) = scene().judge(answer)
+    said = " ".join(scene().judge(answer))
     assert "in 100 % of the samples: bulk, not slugs" in said
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +20,12 @@ type Array = npt.NDArray[np.float64]
 
 
 class Wear(Closure):
-    """Interface of a law of wear."""
+    """Interface of a law of wear.
+
+    slowest : speed of the slowest impacts in the tests behind it [m/s], 0 where none is told
+    """
+
+    slowest: ClassVar[float] = 0.0
 
     @abstractmethod
     def removed(self, speed: Array, angle: Array, mass: Array, diameter: Array) -> Array:
@@ -77,6 +83,7 @@ class Oka(Wear):
     s2: float = parameter(2.4, "-", "factor of n2", gt=0)
     q2: float = parameter(-0.94, "-", "exponent of the hardness in n2")
     rho_w: float = parameter(7800.0, "kg/m3", "density of the wall", gt=0)
+    slowest: ClassVar[float] = 50.0
 
     def removed(self, speed: Array, angle: Array, mass: Array, diameter: Array) -> Array:
         """Mass of the wall that impacts remove [kg]."""

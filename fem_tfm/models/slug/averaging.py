@@ -45,11 +45,15 @@ class Averaging:
 
     def __init__(self, tube: TubeMesh, width: float) -> None:
         self.shape = (len(tube.planes), tube.per_plane)
-        self.volumes, self.width = tube.volumes, width
+        self.width = width
         along = tube.length / (len(tube.planes) - 1)
         area = tube.volumes.sum() / tube.length
         self.least = float(np.sqrt(area / len(tube.cells) / 3))
-        self._across = _section(tube, _time(width, area / len(tube.cells)))
+        self._across, mass = _section(tube, _time(width, area / len(tube.cells)))
+        # of the nodes in the straight line that a bend stands for
+        heights = np.full(len(tube.planes), along)
+        heights[[0, -1]] /= 2
+        self.volumes = np.outer(heights, mass).ravel()
         # exact solution on evenly spaced nodes; halves of cells at the ends reflect it
         scaled = _time(width, along**2) / along**2
         weights = ive(np.arange(len(tube.planes)), 2 * scaled)
@@ -75,8 +79,8 @@ def _time(width: float, square: float) -> float:
     return max(width**2 - square / 3, 0.0) / 2
 
 
-def _section(tube: TubeMesh, time: float) -> Array:
-    """exp(-t M^-1 K) of the section's stiffness K and lumped mass M."""
+def _section(tube: TubeMesh, time: float) -> tuple[Array, Array]:
+    """exp(-t M^-1 K) of the section's stiffness K and lumped mass M, and the masses [m2]."""
     size, number = tube.per_plane, tube.cells[:, 0, :4]
     points, weights = basix.make_quadrature(basix.CellType.quadrilateral, DEGREE)
     table = basix.ufl.element("Lagrange", "quadrilateral", 1).tabulate(1, points)
@@ -87,4 +91,4 @@ def _section(tube: TubeMesh, time: float) -> Array:
     stiffness, mass = np.zeros((size, size)), np.zeros(size)
     np.add.at(stiffness, (number[:, :, None], number[:, None, :]), local)
     np.add.at(mass, number, np.einsum("cq,qa->ca", area, table[0]))
-    return np.asarray(expm(-time * stiffness / mass[:, None]))
+    return np.asarray(expm(-time * stiffness / mass[:, None])), mass

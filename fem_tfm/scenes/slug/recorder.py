@@ -234,7 +234,7 @@ class TubeRecorder(Recorder):
         out = self.out
         if out is not None and len(self.samples.time) > 1:
             box = tube.gas.tube.points[:, scene.view]
-            seen = told.Seen(self._frames, (*box.min(axis=0), *box.max(axis=0)), self._stills)
+            seen = told.Seen(self._frames, self._stills, (*box.min(axis=0), *box.max(axis=0)))
             on_root(self.comm, lambda: told.write(out, self.samples, scene, seen, self.wear))
 
     def close(self) -> None:

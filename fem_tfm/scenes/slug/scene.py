@@ -38,6 +38,8 @@ OUTPUTS = 20
 COARSE = 1.25
 # share of the samples with a filled tube that is told
 FULL = 0.1
+# most triangles of a wall
+TRIANGLES = 1000000
 # an error above this share of its value is told, and a change of the grains in the tube
 UNCERTAIN, FILLING = 0.2, 0.1
 
@@ -124,8 +126,21 @@ class Slug(Scene[Physics, TubeRecorder]):
                 raise InputError(f"averages.{key}", place, words)
         if low >= high:
             raise InputError("averages.low", low, f"a place before averages.high = {high:g} m")
+        self._check_wall()
         # what does not fit is refused before anything is written
         self.tube()
+
+    def _check_wall(self) -> None:
+        """The triangles of the wall belong to a law of wear, and are not too many."""
+        size = self.averages.wall_size
+        if size is None:
+            return
+        if self.model.wear is None:
+            raise InputError("averages.wall_size", size, "a law walls.wear beside it")
+        least = math.sqrt(2 * self.geometry.perimeter * self.geometry.length / TRIANGLES)
+        if size < least:
+            words = f"at least {least:.2g} m, or the wall has more than {TRIANGLES} triangles"
+            raise InputError("averages.wall_size", size, words)
 
     def _check_feed(self) -> None:
         """The feed of a tube is checked where the tube is made."""
@@ -236,6 +251,12 @@ class Slug(Scene[Physics, TubeRecorder]):
                 f"the tube is full over more than the stretch of {high - low:.3g} m in"
                 f" {100 * share:.0f} % of the samples: bulk, not slugs"
             )
+        law, speed = self.model.wear, answer.quantities.get("impact_speed", math.inf)
+        if law is not None and speed < law.slowest:
+            said.append(
+                f"impacts are at {speed:.2g} m/s on average, the law of wear was fitted from"
+                f" {law.slowest:g} m/s on: it tells where the wall wears, not how fast"
+            )
         counts = np.array(samples.count, dtype=float)
         if len(counts) >= 4:
             first, last = (float(part.mean()) for part in np.array_split(counts, 2))
@@ -256,8 +277,7 @@ class Slug(Scene[Physics, TubeRecorder]):
             if unit_of(f.name) is None:
                 continue
             estimate = getattr(found, f.name)
-            # a rate of none has no error that can be told
-            if math.isfinite(estimate.value) and (f.name != "slug_rate" or estimate.value > 0):
+            if math.isfinite(estimate.value):
                 values[f.name] = estimate.value
                 errors[f.name] = 2 * estimate.error if math.isfinite(estimate.error) else None
         if (arc := self.geometry.arc) is not None:

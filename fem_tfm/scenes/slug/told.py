@@ -39,13 +39,13 @@ class Seen:
 
     frames : time, (across, up, radius) as a film shows them and velocity along the tube of all
         grains
-    box : that holds the frames: left, bottom, right, top [m]
     stills : grains in the middle of the tube at every sample
+    box : that holds the frames: left, bottom, right, top [m]
     """
 
     frames: Sequence[tuple[float, Floats, Floats]] = field(default_factory=list)
-    box: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)
     stills: Sequence[Still] = field(default_factory=list)
+    box: tuple[float, float, float, float] = (0.0, 0.0, 1.0, 1.0)
 
 
 def write(
