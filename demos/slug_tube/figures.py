@@ -66,17 +66,19 @@ class Curve:
 
 LONGER = {"numerics.end_time": 22.0, "averages.begin": 15.0}
 UPRIGHT = {TURN: 90.0}
+# four times the feed fills the tube sooner
+SHORTER = {"numerics.end_time": 9.0, "averages.begin": 5.0}
 # layers that are pushed in at 0.04 m/s hold 2.6 kg/h at most
 FAST = {"operation.solids_velocity": 0.16}
 CURVES = {
     "middle": Curve(GAS, (1.0,)),
     "velocity": Curve(GAS, (2.0, 4.0), keep=True),
     "slow": Curve(GAS, (0.5, 0.25), LONGER),
-    "velocity_9.95": Curve(GAS, (2.0, 4.0), FAST | {FLOW: 0.00276389}),
-    "mass_flow": Curve(FLOW, (0.00138333, 0.00276389), FAST),
+    "velocity_9.95": Curve(GAS, (2.0, 4.0), FAST | SHORTER | {FLOW: 0.00276389}),
+    "mass_flow": Curve(FLOW, (0.00138333, 0.00276389), FAST | SHORTER),
     "viscosity": Curve(ETA, (4.5e-5, 8.5e-5)),
     "pressure": Curve(LEVEL, (50662.5, 202650.0)),
-    "friction": Curve(FRICTION, (0.3, 0.1, 0.8, 0.15, 0.05, 0.02)),
+    "friction": Curve(FRICTION, (0.02, 0.05, 0.1, 0.15, 0.3, 0.8)),
     "upright": Curve(TURN, (90.0,), keep=True),
     "upright_friction": Curve(FRICTION, (0.1, 0.3, 0.8), UPRIGHT),
     "rolling": Curve(ROLLING, (0.05,), {FRICTION: 0.1}),
