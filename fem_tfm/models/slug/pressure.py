@@ -94,7 +94,10 @@ class GasPressure:
 
     def take(self, grains: Grains) -> None:
         """Take porosity and velocity from the grains."""
-        volume, momentum = self.tube.spread(grains)
+        self.average_over(*self.tube.spread(grains))
+
+    def average_over(self, volume: Array, momentum: Array) -> None:
+        """Take porosity and velocity from averages of what all grains have given to the nodes."""
         self.set_grains(self.average.spread(volume), self.average.spread(momentum))
 
     def set_grains(self, solids: Array, momentum: Array) -> None:

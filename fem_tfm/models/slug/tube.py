@@ -206,7 +206,7 @@ class SlugTube:
 
     def _give(self) -> None:
         """Give the gas porosity and velocity of all grains."""
-        self.gas.set_grains(*self.grains.total(*self.gas.tube.spread(self.grains)))
+        self.gas.average_over(*self.grains.total(*self.gas.tube.spread(self.grains)))
 
     def run(
         self,
