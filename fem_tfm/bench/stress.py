@@ -52,8 +52,9 @@ FAMILIES = {
     "walls.gas": "gas-wall",
     "walls.solids": "solids-wall",
 }
-# hardly another law than that of Schiller and Naumann, and no more meant for dense flow
-LEFT_OUT = {"clift-gauvin"}
+# hardly another law than that of Schiller and Naumann, and clusters of dilute risers: neither is
+# meant for dense flow
+LEFT_OUT = {"clift-gauvin", "igci"}
 # with transported turbulence; the other laws are those of the cases without
 TURBULENCE = {
     "closures.turbulence": "turbulence",
@@ -114,6 +115,9 @@ def law_sets(number: int = SETS, seed: int = SEED, turbulent: bool = False) -> l
     _part_unbounded(columns["closures.radial"], columns["closures.friction"])
     algebraic = rng.permutation(number) < ALGEBRAIC_SHARE * number
     feeding = rng.permutation(number) < FEEDING_SHARE * number
+    if not turbulent:
+        # eddies neither carry nor spread the grains
+        columns |= {key: ["none"] * number for key in ("closures.dispersed", "closures.dispersion")}
     if turbulent:
         columns |= {key: _column(f, number, rng, True) for key, f in TURBULENCE.items()}
         # a turbulence with a wall law needs one

@@ -65,7 +65,8 @@ def test_large_grains_do_not_follow(diameter: float) -> None:
     assert gradient(solids__diameter=diameter) == pytest.approx(still, rel=1e-3)
 
 
-@pytest.mark.parametrize("diameter", [pytest.param(1e-6, marks=pytest.mark.slow), 5e-6])
+@pytest.mark.slow
+@pytest.mark.parametrize("diameter", [1e-6, 5e-6])
 def test_the_wall_distance_does_not_matter(diameter: float) -> None:
     """A factor of six in the distance, y+ from 19 to 115."""
     found = [
@@ -192,7 +193,18 @@ def test_a_riser_of_fine_grains(speed: float, flux: float, drop: float, holdup: 
     assert not any("clusters" in text for text in given.scene.advice())
 
 
+def uniform() -> Case:
+    return riser().with_values({"closures.drag": "three-zone", "walls.solids": "schneiderbauer"})
+
+
 def test_a_riser_with_the_drag_of_a_uniform_suspension_is_warned_of() -> None:
-    given = riser().with_values({"closures.drag": "three-zone", "walls.solids": "schneiderbauer"})
-    assert any("clusters" in text for text in given.scene.advice())
-    assert plausible.out_of_range(given.scene, {**quantities(solve(given))})
+    assert any("clusters" in text for text in uniform().scene.advice())
+
+
+@pytest.mark.slow
+def test_friction_far_below_the_correlations_is_told() -> None:
+    found = quantities(solve(uniform()))
+    # of 1 m, as the scene's line is
+    assert uniform().scene.geometry.length == 1.0
+    (told,) = plausible.out_of_range(uniform().scene, found)
+    assert "leave their range" in told
