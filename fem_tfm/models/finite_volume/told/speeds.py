@@ -8,7 +8,8 @@ the solids pressure stores; drag makes no phase faster than the other one is:
     u_s^2 <= F^2 [max(U_s, u_g)^2 + 2 (dp/rho_s + dPhi + max(p_s/(a_s rho_s)))]
 
 with dp the range of the pressure before and after a step, dPhi that of the weight's potential, and
-a factor F = 2 for what swings. A flow that is faster already may grow by a tenth in a step.
+a factor F = 2 for what swings. A flow that is faster already may grow by a tenth in a step, and one
+below a millionth of the velocity scale is round-off.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from fem_tfm.models.finite_volume.state import LONELY_FRACTION, Inflow, State
 from fem_tfm.models.finite_volume.time_levels import Step
 from fem_tfm.models.pointwise import Pointwise
 
-FACTOR, GROWTH = 2.0, 1.1
+FACTOR, GROWTH, ROUND_OFF = 2.0, 1.1, 1e-6
 
 
 class SpeedLimit:
@@ -75,6 +76,7 @@ class SpeedLimit:
 
     def _judge(self, phase: str, speed: float, before: float, carried: float, work: float) -> None:
         most = max(FACTOR * math.sqrt(carried**2 + 2 * work), GROWTH * before)
+        most = max(most, ROUND_OFF * self.line.velocity_scale)
         if speed > most:
             raise SolverError(
                 f"the {phase} would reach {speed:.3g} m/s, and pressure, weight and drag make"
