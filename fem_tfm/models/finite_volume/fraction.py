@@ -26,6 +26,8 @@ from fem_tfm.models.pointwise import Pointwise
 
 # residual [-], change [-] and iterations of Newton's method
 RESIDUAL, CHANGE, ITERATIONS = 1e-10, 1e-12, 40
+# change [-] that is round-off where the residual falls no more, as in a bed packed to its limit
+ROUND_OFF = 1e-9
 # a change is cut where the residual [-] rises by more than this factor above a harmless one
 LARGEST_RISE, HARMLESS, CUT, MOST_CUTS = 4.0, 10.0, 0.25, 5
 # relative residual of its linear systems: an iteration of the method needs little
@@ -81,7 +83,7 @@ class SolidsFraction:
                 equation.retreat(change)
                 residual = equation.residual()
                 worst = cells.largest(np.abs(residual) / equation.rate)
-            before = worst
+            stalled, before = worst > before / 2, worst
             if not np.isfinite(worst):
                 raise SolverError("the solids fraction is not finite")
             if worst < RESIDUAL:
@@ -89,7 +91,8 @@ class SolidsFraction:
             self._matrix.set(*equation.jacobian())
             self._krylov.update()
             change = self._krylov.solve(-residual, np.zeros(cells.owned))
-            if equation.update(change) < CHANGE:
+            moved = equation.update(change)
+            if moved < CHANGE or (stalled and moved < ROUND_OFF):
                 equation.evaluate()
                 break
         else:
