@@ -77,7 +77,7 @@ class SolidsFraction:
             worst = cells.largest(np.abs(residual) / equation.rate)
             for _ in range(MOST_CUTS):
                 # a pressure that grows like a high power makes the method leap beyond packing
-                if worst <= max(LARGEST_RISE * before, HARMLESS):
+                if not worst > max(LARGEST_RISE * before, HARMLESS):
                     break
                 change = CUT * change
                 equation.retreat(change)
