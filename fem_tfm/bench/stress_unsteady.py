@@ -31,7 +31,7 @@ from fem_tfm.materials import Gas, Solids
 from fem_tfm.scenes.recorder import Setting
 from fem_tfm.scenes.unsteady import FlowRecorder, Unsteady
 
-SEED, SCENES, QUICK = 2026, 200, 6
+SEED, SCENES = 2026, 200
 # ranges of the numbers: low, high, and whether the logarithm is uniform
 RANGES = {
     "geometry.diameter": (8e-3, 0.1, True),
