@@ -25,12 +25,13 @@ from fem_tfm.bench.stress import LARGEST_GRAIN, LEFT_OUT, PACKED_FRACTION, PLAST
 from fem_tfm.case import Case
 from fem_tfm.closures import make, names
 from fem_tfm.closures.drag import Ergun
+from fem_tfm.correlations import terminal_velocity
 from fem_tfm.errors import InputError, SolverError
 from fem_tfm.materials import Gas, Solids
 from fem_tfm.scenes.recorder import Setting
 from fem_tfm.scenes.unsteady import FlowRecorder, Unsteady
 
-SEED, SCENES, QUICK = 2026, 200, 6
+SEED, SCENES = 2026, 200
 # ranges of the numbers: low, high, and whether the logarithm is uniform
 RANGES = {
     "geometry.diameter": (8e-3, 0.1, True),
@@ -55,6 +56,9 @@ SLENDERNESS, SLICES, SLIP, PASSES = (6.0, 15.0), (10, 20), (0.3, 1.0), (1.0, 2.5
 # largest drop of the gas through them [Pa]
 FILLED, LARGEST_DROP = 0.5, 3e5
 GAS_TEMPERATURE, GAS_CONSTANT, VISCOSITY = 293.0, 296.8, 1.8e-5
+# a gas above this share of the terminal velocity carries its grains; else what is fed and what lies
+# there at the start fill at most this share of the line
+CARRYING, HELD, G = 2.0, 0.8, 9.81
 # steps after which a scene counts as stuck
 MOST_STEPS = 3000
 # velocity over the largest that is fed from which a scene is told apart
@@ -211,11 +215,12 @@ def _line(rng: np.random.Generator, size: float) -> dict[str, Any]:
 
 
 def _start(rng: np.random.Generator, line: dict[str, Any]) -> tuple[dict[str, Any], float]:
-    """Initial state, and the share of the line that it packs."""
+    """Initial state, and the share of the line that it would fill if it were packed."""
     state, length = _choice(rng, STARTS), line["geometry.length"]
     found: dict[str, Any] = {"initial.state": state}
     if state != "bed":
-        return found, 0.0
+        held = line["operation.solids_fraction"] if state == "inlet" else 0.0
+        return found, held / PACKED_FRACTION
     size = "geometry.height" if "geometry.height" in line else "geometry.diameter"
     height: float = line[size]
     begin, extent = _number(rng, 0, 0.5), _number(rng, 0.1, FILLED)
@@ -267,6 +272,17 @@ def _slowest(values: dict[str, Any], packed: float) -> float:
     return float(speed)
 
 
+def _held(values: dict[str, Any], packed: float, end: float) -> float:
+    """Fraction fed until the end [s] that finds room in the line if no gas carries it away [-]."""
+    fraction, speed = (values[f"operation.solids_{key}"] for key in ("fraction", "velocity"))
+    gas = Gas(density=values["gas.density"], viscosity=VISCOSITY)
+    grains = Solids(density=values["solids.density"], diameter=values["solids.diameter"])
+    if values["operation.gas_superficial_velocity"] > CARRYING * terminal_velocity(gas, grains, G):
+        return float(fraction)
+    room = max(HELD - packed, 0.1) * PACKED_FRACTION * values["geometry.length"]
+    return float(min(fraction, room / (1.3 * speed * end)))
+
+
 def scene(number: int, seed: int = SEED) -> Case:
     """The scene of a number, from 1 on."""
     rng = np.random.default_rng([seed, number])
@@ -283,6 +299,7 @@ def scene(number: int, seed: int = SEED) -> Case:
     slip = _number(rng, *SLIP)
     values["operation.solids_velocity"] = slip * gas / (1 - values["operation.solids_fraction"])
     end = _number(rng, *PASSES) * values["geometry.length"] / gas
+    values["operation.solids_fraction"] = _held(values, packed, end)
     _spells(rng, values, packed, end)
     if rng.uniform() < COMPRESSIBLE:
         pressure = values.pop("gas.density") * GAS_CONSTANT * GAS_TEMPERATURE

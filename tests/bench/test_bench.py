@@ -218,24 +218,21 @@ def test_the_unsteady_flow_is_held_against_the_march(
 
 
 def test_unsteady_scenes_are_possible_varied_and_the_same_by_number() -> None:
-    cases = [stress_unsteady.scene(number) for number in range(1, stress_unsteady.SCENES + 1)]
-    assert [c.dump() for c in cases[:5]] == [stress_unsteady.scene(n).dump() for n in range(1, 6)]
-    for case in cases:
+    cases = [stress_unsteady.scene(number) for number in range(1, 101)]
+    assert [c.dump() for c in cases[:3]] == [stress_unsteady.scene(n).dump() for n in range(1, 4)]
+    for case in cases[:40]:
         case.scene.examine()
     kinds = Counter(type(case.scene.geometry).__name__ for case in cases)
-    assert kinds["Pipe"] > 70 and min(kinds["Duct"], kinds["Bend"]) > 30
-    for key, few in (
-        ("numerics.order", 70),
-        ("initial.state", 40),
-        ("closures.turbulence.model", 20),
-    ):
+    assert kinds["Pipe"] > 35 and min(kinds["Duct"], kinds["Bend"]) > 15
+    least = {"numerics.order": 35, "initial.state": 20, "closures.turbulence.model": 10}
+    for key, few in least.items():
         assert min(Counter(case[key] for case in cases).values()) > few
     for key in ("outlet_blocked", "gas_schedule", "solids_schedule"):
-        assert sum(bool(case[f"operation.{key}"]) for case in cases) > 30
-    assert min(c["numerics.courant"] for c in cases) < 1.2
-    assert max(c["numerics.courant"] for c in cases) > 4.8
-    for key, family in (("drag", "drag"), ("friction", "friction"), ("granular", "granular")):
-        found = {case[f"closures.{key}.model"] for case in cases}
+        assert sum(bool(case[f"operation.{key}"]) for case in cases) > 10
+    courant = [case["numerics.courant"] for case in cases]
+    assert min(courant) < 1.2 and max(courant) > 4.8
+    for family in ("drag", "friction", "granular", "radial"):
+        found = {case[f"closures.{family}.model"] for case in cases}
         assert found == set(names(family)) - stress.LEFT_OUT - {"constant"}
 
 

@@ -300,10 +300,10 @@ def test_a_step_that_never_succeeds_ends_the_run(
     case = case_of(dense)
     advance = UnsteadyFlow.advance
 
-    def failing(flow: UnsteadyFlow, dt: float, feed: Any) -> Any:
+    def failing(flow: UnsteadyFlow, dt: float, *given: Any) -> Any:
         if flow.time > 1.5e-3:
             raise SolverError("the solids fraction leaves its bounds")
-        return advance(flow, dt, feed)
+        return advance(flow, dt, *given)
 
     monkeypatch.setattr(UnsteadyFlow, "advance", failing)
     with pytest.raises(SolverError, match=r"no step above 1e-09 s succeeds at 0\.001[5-9]"):

@@ -14,7 +14,7 @@ from dolfinx.mesh import CellType
 
 from fem_tfm.bench import stress_unsteady
 from fem_tfm.errors import SolverError
-from fem_tfm.models.finite_volume import Inflow, StepFailed, UnsteadyFlow
+from fem_tfm.models.finite_volume import Inflow, StepFailed, UnsteadyFlow, fraction
 from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
 from fem_tfm.models.finite_volume.momentum import Momentum
 from fem_tfm.models.finite_volume.time_levels import Step, implicit_euler
@@ -205,6 +205,17 @@ def test_a_void_bears_no_stress_of_the_bed_beside_it(monkeypatch: pytest.MonkeyP
 def test_an_algebraic_granular_temperature_makes_no_motion() -> None:
     found = stress_unsteady.solve(stress_unsteady.scene(10))
     assert found.ended and max(found.gas, found.solids) < 2
+
+
+def test_a_pressure_of_a_high_power_does_not_make_newton_leap(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # Schaeffer's pressure grows with the tenth power of the fraction
+    found = stress_unsteady.solve(stress_unsteady.scene(100))
+    assert found.ended and found.cuts == 0
+    monkeypatch.setattr(fraction, "MOST_CUTS", 0)
+    monkeypatch.setattr(stress_unsteady, "MOST_STEPS", 70)
+    assert stress_unsteady.solve(stress_unsteady.scene(100)).cuts > 1
 
 
 def test_eddies_disperse_no_more_than_the_surface_of_a_bed_carries(

@@ -26,6 +26,10 @@ from fem_tfm.models.pointwise import Pointwise
 
 # residual [-], change [-] and iterations of Newton's method
 RESIDUAL, CHANGE, ITERATIONS = 1e-10, 1e-12, 40
+# change [-] that is round-off where the residual falls no more, as in a bed packed to its limit
+ROUND_OFF = 1e-9
+# a change is cut where the residual [-] rises by more than this factor above a harmless one
+LARGEST_RISE, HARMLESS, CUT, MOST_CUTS = 4.0, 10.0, 0.25, 5
 # relative residual of its linear systems: an iteration of the method needs little
 LINEAR_TOLERANCE = 1e-4
 # share of the way to a bound of the fraction that corrections of second order may take a cell
@@ -64,12 +68,22 @@ class SolidsFraction:
         """
         cells = self.line.cells
         equation = _Equation(self.line, self.laws, self.scheme, step, response)
+        before, change = np.inf, np.zeros(cells.owned)
         for iteration in range(1, ITERATIONS + 1):
             equation.evaluate()
             if iteration <= self.scheme.solves:
                 equation.correct()
             residual = equation.residual()
             worst = cells.largest(np.abs(residual) / equation.rate)
+            for _ in range(MOST_CUTS):
+                # a pressure that grows like a high power makes the method leap beyond packing
+                if not worst > max(LARGEST_RISE * before, HARMLESS):
+                    break
+                change = CUT * change
+                equation.retreat(change)
+                residual = equation.residual()
+                worst = cells.largest(np.abs(residual) / equation.rate)
+            stalled, before = worst > before / 2, worst
             if not np.isfinite(worst):
                 raise SolverError("the solids fraction is not finite")
             if worst < RESIDUAL:
@@ -77,7 +91,8 @@ class SolidsFraction:
             self._matrix.set(*equation.jacobian())
             self._krylov.update()
             change = self._krylov.solve(-residual, np.zeros(cells.owned))
-            if equation.update(change) < CHANGE:
+            moved = equation.update(change)
+            if moved < CHANGE or (stalled and moved < ROUND_OFF):
                 equation.evaluate()
                 break
         else:
@@ -266,8 +281,15 @@ class _Equation:
         )
         return [diagonal], [(row_of_first, row_of_second)]
 
+    def retreat(self, change: Array) -> None:
+        """Take a smaller change than the last one from the iterate before it."""
+        self.w = self._last
+        self.update(change)
+        self.evaluate()
+
     def update(self, change: Array) -> float:
         """Add a change of w, limited so that w stays positive; the largest change of alpha."""
+        self._last = self.w
         cells, w = self.line.cells, self.w[self.line.own]
         slope = self.limit / (1 + w) ** 2
         self.w = cells.ghosted(np.clip(w + change, 0.1 * w, 10 * (1 + w)))

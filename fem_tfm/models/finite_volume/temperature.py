@@ -57,11 +57,8 @@ class GranularTemperature:
         alpha, dilation = np.maximum(solids.alpha, 0.0), self._dilation(step)
         coefficients = laws.coefficients(alpha, theta, shear, dilation)
         if laws.closures.theta == "algebraic":
-            expansion = np.maximum(dilation, 0.0)
-            found = laws.algebraic_theta(alpha, coefficients.g0, shear, step.drag, expansion)
-            # no step makes more of it than the motion within a cell can give
-            gained = shear * line.cells.volume ** (2 / 3)
-            return self._bounded(np.minimum(found, step.levels.now.theta + gained), alpha), 0
+            found = self._relaxed(step, alpha, coefficients.g0, dilation)
+            return self._bounded(found, alpha), 0
         start, density = step.levels.start, laws.solids.density
         inertia = 1.5 * density * np.maximum(start.alpha[own], SMALLEST_FRACTION)
         inertia = inertia * line.volume / step.levels.span
@@ -79,6 +76,25 @@ class GranularTemperature:
             share=step.levels.second_order_faces,
         )
         return line.cells.ghosted(self._bounded(values, alpha[own])), iterations
+
+    def _relaxed(self, step: Step, alpha: Array, g0: Array, dilation: Array) -> Array:
+        """Theta on its way to the value where production equals dissipation and drag.
+
+            Theta = Theta_0 + r dt/(1 + r dt) (Theta_eq - Theta_0),
+            r = [gamma/Theta_eq + 3 beta + p/Theta_eq max(D, 0)]/(3/2 alpha rho)
+
+        Grains that hardly collide within a step do not reach that value in it; if they did, their
+        pressure would drive the motion that feeds it. No step makes more of it than the motion
+        within a cell can give.
+        """
+        laws, shear, now = self.laws, step.deformation.shear, step.levels.now.theta
+        expansion = np.maximum(dilation, 0.0)
+        wanted = laws.algebraic_theta(alpha, g0, shear, step.drag, expansion)
+        kinetic = laws.kinetic(alpha, wanted)[1]
+        decay = (kinetic.dissipation + kinetic.pressure * expansion) / wanted + 3 * step.drag
+        inertia = 1.5 * laws.grain.density * np.maximum(alpha, SMALLEST_FRACTION) / step.dt
+        found = now + decay / (decay + inertia) * (wanted - now)
+        return np.minimum(found, now + shear * self.line.cells.volume ** (2 / 3))
 
     def _dilation(self, step: Step) -> Array:
         """div u_s [1/s] that feeds the granular energy: the larger of two, where they disagree.

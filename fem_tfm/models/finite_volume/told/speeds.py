@@ -8,7 +8,9 @@ the solids pressure stores; drag makes no phase faster than the other one is:
     u_s^2 <= F^2 [max(U_s, u_g)^2 + 2 (dp/rho_s + dPhi + max(p_s/(a_s rho_s)))]
 
 with dp the range of the pressure before and after a step, dPhi that of the weight's potential, and
-a factor F = 2 for what swings. A flow that is faster already may grow by a tenth in a step.
+a factor F = 2 for what swings; where eddies disperse the solids, the slip that they cause adds to
+both U. A flow that is faster already may grow by a tenth in a step, and one
+below a millionth of the velocity scale is round-off.
 """
 
 from __future__ import annotations
@@ -19,12 +21,17 @@ import numpy as np
 
 from fem_tfm.errors import SolverError
 from fem_tfm.models.finite_volume.cells.line import LineMesh
-from fem_tfm.models.finite_volume.cells.mesh import Array
-from fem_tfm.models.finite_volume.state import LONELY_FRACTION, Inflow, State
+from fem_tfm.models.finite_volume.cells.mesh import SMALLEST, Array
+from fem_tfm.models.finite_volume.state import (
+    LONELY_FRACTION,
+    SMALLEST_FRACTION,
+    Inflow,
+    State,
+)
 from fem_tfm.models.finite_volume.time_levels import Step
 from fem_tfm.models.pointwise import Pointwise
 
-FACTOR, GROWTH = 2.0, 1.1
+FACTOR, GROWTH, ROUND_OFF = 2.0, 1.1, 1e-6
 
 
 class SpeedLimit:
@@ -39,6 +46,7 @@ class SpeedLimit:
     def __init__(self, line: LineMesh, laws: Pointwise, gravity: Array) -> None:
         self.line, self.laws = line, laws
         self._potential = self._range(line.cells.centre @ gravity)
+        self._sharpest = line.cells.largest(line.inverse_distance)
         self._peak = max(line.cells.largest(line.inlet_profile), 1.0)
 
     def check(self, before: State, step: Step, relative_density: Array | None) -> None:
@@ -65,16 +73,27 @@ class SpeedLimit:
         solids = solids_before = 0.0
         if step.solids is not None:
             solids, solids_before = self._fastest(after.u_s), self._fastest(before.u_s)
-        self._judge("gas", gas, gas_before, max(fed, solids_before), work)
+        drift = self._drift(step)
+        self._judge("gas", gas, gas_before, max(fed, solids_before) + drift, work)
         if step.solids is not None:
             density = self.laws.grain.density
             stored = step.solids.pressure / np.maximum(step.solids.alpha, LONELY_FRACTION)
             work = (pressure + self.line.cells.largest(stored)) / density + self._potential
             fed = max(self._peak * step.inflow.solids_velocity, gas, gas_before)
-            self._judge("solids", solids, solids_before, fed, work)
+            self._judge("solids", solids, solids_before, fed + drift, work)
+
+    def _drift(self, step: Step) -> float:
+        """Largest slip c |grad alpha|/beta by which eddies disperse a front as sharp as a cell."""
+        turbulence = step.turbulence
+        if turbulence is None or turbulence.dispersion is None or turbulence.drag is None:
+            return 0.0
+        alpha = np.maximum(step.state.alpha, SMALLEST_FRACTION)
+        spread = 2 * turbulence.dispersion * alpha / np.maximum(turbulence.drag, SMALLEST)
+        return self.line.cells.largest(spread) * self._sharpest
 
     def _judge(self, phase: str, speed: float, before: float, carried: float, work: float) -> None:
         most = max(FACTOR * math.sqrt(carried**2 + 2 * work), GROWTH * before)
+        most = max(most, ROUND_OFF * self.line.velocity_scale)
         if speed > most:
             raise SolverError(
                 f"the {phase} would reach {speed:.3g} m/s, and pressure, weight and drag make"
