@@ -13,6 +13,7 @@ import shlex
 import subprocess
 import sysconfig
 import tempfile
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +42,10 @@ JIT_OPTIONS: dict[str, Any] = {
     "cffi_extra_compile_args": ["-O1", "-g0", "-march=native"],
     "timeout": 300,
 }
+
+
+# a form whose code was written so long ago and that has no library has lost its compiler [s]
+ABANDONED = 180.0
 
 
 class _Replaced(MultiFunction):
@@ -118,6 +123,10 @@ def check_cache(comm: Any) -> None:
             place.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=place):
                 pass
+            # of runs that were killed; those of expressions FFCx would wait for in vain
+            for source in place.glob("*.c"):
+                if not source.with_suffix(".c.cached").exists() and _age(source) > ABANDONED:
+                    source.unlink(missing_ok=True)
         except OSError as error:
             words = f"a directory for compiled forms that can be written ({error.strerror})"
             failure = InputError("XDG_CACHE_HOME", str(place), words)
@@ -162,23 +171,52 @@ class _Job:
 
 
 def _fill_cache(forms: Sequence[Any]) -> None:
-    """Compile what the cache lacks. What fails here is left to `fem.form`, which tells why."""
+    """Compile what the cache lacks. What fails here is left to `fem.form`, which tells why.
+
+    A form that another run has claimed is waited for. One whose run was killed is taken over.
+    """
     jobs: list[_Job] = []
+    claims = {_claim(form): form for form in forms}
     try:
-        for form in forms:
-            job = _started(form)
-            if job is not None:
-                jobs.append(job)
-        while jobs:
-            jobs[0].finish()
-            jobs.pop(0)
+        for claim, form in claims.items():
+            _start(form, claim, jobs)
+        _finish(jobs)
+        for claim, form in claims.items():
+            if _lost(claim[0]):
+                claim[0].unlink(missing_ok=True)
+                _start(form, claim, jobs)
+        _finish(jobs)
     finally:
         for job in jobs:
             job.cancel()
 
 
-def _started(form: Any) -> _Job | None:
-    """Write the C code of a form and start its compiler; None if the cache has it already."""
+def _finish(jobs: list[_Job]) -> None:
+    while jobs:
+        jobs[0].finish()
+        jobs.pop(0)
+
+
+def _lost(source: Path) -> bool:
+    """Whether a claim in the cache leads to nothing; waits for one that still may."""
+    ready = source.with_suffix(".c.cached")
+    while source.exists() and not ready.exists():
+        if _age(source) > ABANDONED:
+            return True
+        time.sleep(0.2)
+    return False
+
+
+def _age(source: Path) -> float:
+    """Time since a file was written [s], 0 where there is none."""
+    try:
+        return time.time() - source.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
+
+
+def _claim(form: Any) -> tuple[Path, str]:
+    """C file of a form in the cache, and the name of its module."""
     options = ffcx.get_options({"scalar_type": default_scalar_type})
     settings = jit.get_options(JIT_OPTIONS)
     arguments = settings["cffi_extra_compile_args"]
@@ -186,18 +224,25 @@ def _started(form: Any) -> _Job | None:
     tag += ffcx_jit._compilation_signature(arguments, settings["cffi_debug"])
     module = "libffcx_forms_" + ffcx.naming.compute_signature([form], tag)
     source = settings["cache_dir"] / f"{module}.c"
+    return source, module
+
+
+def _start(form: Any, claim: tuple[Path, str], jobs: list[_Job]) -> None:
+    """Write the C code of a form and start its compiler, unless the cache has or awaits it."""
+    source, module = claim
     source.parent.mkdir(parents=True, exist_ok=True)
     try:
         source.touch(exist_ok=False)
     except FileExistsError:
-        return None
+        return
+    options = ffcx.get_options({"scalar_type": default_scalar_type})
+    arguments = jit.get_options(JIT_OPTIONS)["cffi_extra_compile_args"]
     try:
         code, _ = ffcx.compiler.compile_ufl_objects([form], namespace=module, options=options)
         _write(source, module, ffcx.naming.form_name(form, 0, module), code[1])
-        return _Job(source, _compiler(source, arguments))
+        jobs.append(_Job(source, _compiler(source, arguments)))
     except Exception:
         source.unlink(missing_ok=True)
-        return None
     except BaseException:
         source.unlink(missing_ok=True)
         raise

@@ -7,6 +7,7 @@ import itertools
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from dolfinx import fem, jit
 from dolfinx.mesh import create_unit_square
 from mpi4py import MPI
 
+from fem_tfm import fenics
 from fem_tfm.fenics import compile_expression, compile_form, compile_forms, renumbered
 
 BOUNDARIES = (7, 97, 997, 9998, 10**9)
@@ -149,6 +151,27 @@ def test_fenicsx_finds_in_the_cache_what_was_compiled_here(
     compiled = compile_forms([terms(space)[0]])
     assert list(cache.glob("*.c"))
     assert compiled[0].code == (None, None)  # FFCx has written nothing
+
+
+def test_a_form_whose_run_was_killed_is_compiled_anew(
+    space: fem.FunctionSpace, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    form = 3 * ufl.dx(space.mesh)
+    compile_form(form)
+    (ready,) = cache.glob("*.c.cached")
+    source = ready.with_suffix("")
+    for path in (ready, *cache.glob("*.so")):
+        path.unlink()
+    # a claim that may still lead to a library is waited for
+    monkeypatch.setattr(fenics, "ABANDONED", 0.5)
+    source.touch()
+    began = time.monotonic()
+    assert fem.assemble_scalar(compile_form(form)) == pytest.approx(3.0)
+    assert time.monotonic() - began > 0.3 and ready.exists()
+    ready.unlink()
+    os.utime(source, (0, 0))
+    fenics.check_cache(space.mesh.comm)
+    assert not source.exists()
 
 
 def test_a_compiler_that_fails_here_is_left_to_fenicsx(
