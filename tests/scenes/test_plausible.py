@@ -144,7 +144,9 @@ def test_terminal_velocity_of_a_fine_grain_is_that_of_stokes() -> None:
 # -- time ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("solution", ["developed", "developing", "unsteady"])
+@pytest.mark.parametrize(
+    "solution", ["developed", pytest.param("developing", marks=pytest.mark.slow), "unsteady"]
+)
 def test_a_run_ends_at_its_time_limit_and_goes_on(solution: str, tmp_path: Path) -> None:
     changes = {"solution": solution, "numerics.level": 1, "geometry.length": 0.2}
     if solution == "unsteady":

@@ -238,6 +238,7 @@ def test_a_mesh_too_coarse_for_its_averages_is_warned_of(
 # -- a sweep ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_sweep_tells_the_errors_of_its_points_and_goes_on(tmp_path: Path) -> None:
     """Two processes share the points; a point that is lost alone is solved again."""
     short = {"geometry.length": 0.02, "numerics.end_time": 3.6, "averages.begin": 0.5}

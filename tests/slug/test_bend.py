@@ -22,7 +22,7 @@ from fem_tfm.models.slug.gas import TubeGas
 from fem_tfm.models.slug.grains import Grain, Grains, Walls
 from fem_tfm.models.slug.mesh import TubeMesh, tube_mesh
 from fem_tfm.models.slug.pressure import GasPressure
-from fem_tfm.models.slug.slices import Sampler, shares
+from fem_tfm.models.slug.told.slices import Sampler, shares
 from fem_tfm.models.slug.tube import Conveying, SlugTube
 
 DIAMETER, STEP, RADIUS = 1.4e-3, 1e-5, 3.5e-3
@@ -241,7 +241,7 @@ def test_the_mesh_of_a_bend_has_the_volume_of_the_tube() -> None:
     assert tube.length == pytest.approx(ARCS[0].end + 0.02)
 
 
-@pytest.mark.parametrize("radius", [0.02, 0.05])
+@pytest.mark.parametrize("radius", [pytest.param(0.02, marks=pytest.mark.slow), 0.05])
 def test_gas_through_an_even_bed_in_a_bend_loses_what_the_axis_says(radius: float) -> None:
     """Darcy between two planes that meet: G = q r ln-mean of the radii, below that of the axis."""
     arc, layers = Arc(radius, math.pi / 2, 0.01, "up"), 60

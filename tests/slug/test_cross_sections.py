@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from fem_tfm.geometry.section import RectangularSection, RoundSection
-from fem_tfm.models.slug.cross_sections import Still, layers, picture
 from fem_tfm.models.slug.feed import filled
 from fem_tfm.models.slug.grains import Grain, Grains, Walls
+from fem_tfm.models.slug.told.cross_sections import Still, layers, picture
 
 DIAMETER = 1.4e-3
 TUBE = RoundSection(7e-3, "none")

@@ -19,7 +19,7 @@ from fem_tfm.models.slug.feed import filled
 from fem_tfm.models.slug.gas import TubeGas
 from fem_tfm.models.slug.grains import Grain, Grains, Walls
 from fem_tfm.models.slug.ranks import SharedGrains, as_rows
-from fem_tfm.models.slug.slices import Sampler
+from fem_tfm.models.slug.told.slices import Sampler
 from fem_tfm.models.slug.tube import Conveying, SlugTube
 
 DIAMETER, STEP, LENGTH = 1.4e-3, 1e-5, 0.06

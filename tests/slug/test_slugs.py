@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from fem_tfm.models.slug.slices import Samples
-from fem_tfm.models.slug.slugs import (
+from fem_tfm.models.slug.told.slices import Samples
+from fem_tfm.models.slug.told.slugs import (
     Estimate,
     along,
     bulk,

@@ -11,9 +11,9 @@ import pytest
 from test_slugs import LENGTH, PERIOD, SPEED, samples
 
 import fem_tfm as ft
-from fem_tfm.models.slug.cross_sections import Still
 from fem_tfm.models.slug.feed import filled
-from fem_tfm.models.slug.slices import SLICE
+from fem_tfm.models.slug.told.cross_sections import Still
+from fem_tfm.models.slug.told.slices import SLICE
 from fem_tfm.scenes.scene import Answer
 from fem_tfm.scenes.slug import told
 

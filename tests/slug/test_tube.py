@@ -15,7 +15,7 @@ from fem_tfm.geometry.shapes import Duct, Pipe
 from fem_tfm.models.slug.feed import Feed, Feeder, filled, sites
 from fem_tfm.models.slug.gas import TubeGas
 from fem_tfm.models.slug.grains import Grain, Grains, Walls
-from fem_tfm.models.slug.slices import Sampler, shares, volume_below
+from fem_tfm.models.slug.told.slices import Sampler, shares, volume_below
 from fem_tfm.models.slug.tube import Conveying, SlugTube, Steps
 
 GAS, GRAIN, TUBE = TubeGas(viscosity=6.73e-5), Grain(937.0, 1.4e-3), RoundSection(7e-3, "none")

@@ -114,6 +114,7 @@ def test_updated_numbers_are_those_of_a_new_section(dense: dict[str, Any]) -> No
     )
 
 
+@pytest.mark.slow
 def test_a_far_point_is_approached_in_parts(dense: dict[str, Any], monkeypatch) -> None:
     """A point that one step does not reach is followed to, and its answer is the cold one."""
     case, shares = coarse(dense), []

@@ -35,6 +35,12 @@ EXACT = 1e-10
 FOUR = {"closures__turbulence": "realizable", "closures__dispersed": "k-epsilon"}
 
 
+CHOSEN = [
+    pytest.param({}, id="mixing-length"),
+    pytest.param(FOUR, id="four-equation", marks=pytest.mark.slow),
+]
+
+
 def gas(reynolds: float, length: float, **tables: Any) -> Case:
     """Gas alone that enters a pipe of diameter 0.05 m; length over the diameter."""
     values = {
@@ -222,7 +228,7 @@ def test_the_developed_section_is_a_station_like_the_ones_before() -> None:
     assert update.size < 1e-6
 
 
-@pytest.mark.parametrize("chosen", [{}, FOUR], ids=["mixing-length", "four-equation"])
+@pytest.mark.parametrize("chosen", CHOSEN)
 def test_jacobian_of_a_station(chosen: dict[str, Any]) -> None:
     """Against finite differences in a random direction, with stations that differ."""
     case = line(**chosen)
@@ -255,7 +261,7 @@ def test_jacobian_of_a_station(chosen: dict[str, Any]) -> None:
 # -- runs --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("chosen", [{}, FOUR], ids=["mixing-length", "four-equation"])
+@pytest.mark.parametrize("chosen", CHOSEN)
 def test_a_resumed_line_is_the_same(tmp_path: Path, chosen: dict[str, Any]) -> None:
     """To the last digit: both stations, the sums and the step are kept."""
     case = line(geometry__length=0.005, **chosen)
@@ -330,7 +336,7 @@ def test_a_run_writes_its_axis(tmp_path: Path) -> None:
 
 
 @pytest.mark.mpi
-@pytest.mark.parametrize("chosen", [{}, FOUR], ids=["mixing-length", "four-equation"])
+@pytest.mark.parametrize("chosen", CHOSEN)
 def test_ranks_agree_on_a_line(chosen: dict[str, Any]) -> None:
     """All ranks together and each alone find the same end of a short line."""
     case = line(geometry__length=0.001, **chosen)

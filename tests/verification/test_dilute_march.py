@@ -79,7 +79,9 @@ def test_a_riser_develops_to_its_section() -> None:
     assert march["development_length"] < 8.0
 
 
-@pytest.mark.parametrize("name", LEVEL_LINES)
+@pytest.mark.parametrize(
+    "name", [n if n == "coal" else pytest.param(n, marks=pytest.mark.slow) for n in LEVEL_LINES]
+)
 def test_a_dilute_level_line_starts(name: str) -> None:
     found = Case.from_dict(RISER | LEVEL_LINES[name] | {"numerics": {"level": 2}}).scene.run()
     assert max(found.balances.values()) < 1e-9
@@ -88,7 +90,7 @@ def test_a_dilute_level_line_starts(name: str) -> None:
     assert np.max(table["max_theta"]) < speed**2 / 3
 
 
-@pytest.mark.parametrize("level", [2, 3])
+@pytest.mark.parametrize("level", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_march_along_a_rough_wall_starts(level: int) -> None:
     found = Case.from_dict(ROUGH | {"numerics": {"level": level}}).scene.run()
     assert found.status == "finished"

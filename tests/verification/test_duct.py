@@ -339,7 +339,9 @@ def test_an_interrupted_march_goes_on(tmp_path: Any) -> None:
 # -- the run -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("solution", ["developed", "developing"])
+@pytest.mark.parametrize(
+    "solution", ["developed", pytest.param("developing", marks=pytest.mark.slow)]
+)
 def test_run_writes_its_files(solution: str, tmp_path: Any) -> None:
     out = tmp_path / "out"
     given = case(

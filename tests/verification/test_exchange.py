@@ -276,6 +276,7 @@ def test_particles_calm_the_eddies() -> None:
     assert told[0] < 0.7 * told[1]
 
 
+@pytest.mark.slow
 def test_lateral_drag_slows_the_secondary_flow() -> None:
     lines = [line_of(duct(), StokesCloud(tau=0.005), lateral=lateral) for lateral in (False, True)]
     for line in lines:

@@ -155,6 +155,7 @@ def test_the_parts_of_a_developed_section_sum_to_its_drop() -> None:
         assert min(parts[name] for name in PARTS if name != "drop_acceleration") > 0
 
 
+@pytest.mark.slow
 def test_the_parts_of_a_march_sum_to_its_drop_everywhere(tmp_path: Path) -> None:
     changes = {
         "solution": "developing",

@@ -80,6 +80,7 @@ def test_a_gas_that_feels_no_particles_is_that_without_them() -> None:
     assert one_way["particle_exit_velocity_ash"] > 10
 
 
+@pytest.mark.slow
 def test_light_particles_hardly_change_the_gas(coupled: Result) -> None:
     alone = run(case(**{"particles": None}))["pressure_drop"]
     light = ASH | {"loading": 1e-4}
@@ -104,7 +105,7 @@ def test_any_number_of_ranks_follows_the_same_particles() -> None:
     assert other.counts()["out"] == 300
 
 
-@pytest.mark.parametrize("coupling", ["one-way", "two-way"])
+@pytest.mark.parametrize("coupling", [pytest.param("one-way", marks=pytest.mark.slow), "two-way"])
 def test_a_march_that_was_cut_short_goes_on_to_the_same_bits(
     coupling: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

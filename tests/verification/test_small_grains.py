@@ -123,7 +123,11 @@ def slope(section: TwoFluidSection) -> float:
 
 
 @pytest.mark.parametrize(
-    ("holdup", "error"), [(1e-4, 0.2), pytest.param(1e-6, 0.3, marks=pytest.mark.slow)]
+    ("holdup", "error"),
+    [
+        pytest.param(1e-4, 0.2, marks=pytest.mark.slow),
+        pytest.param(1e-6, 0.3, marks=pytest.mark.slow),
+    ],
 )
 def test_a_dilute_suspension_has_the_profile_of_rouse(holdup: float, error: float) -> None:
     """w_t R/D, D = nu_t/0.9 and nu_t = 0.0765 u_tau R of the core, at a Rouse number of 0.27."""

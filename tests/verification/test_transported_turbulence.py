@@ -134,7 +134,11 @@ def resolved(reynolds: float, factor: float = 1.0) -> Any:
 
 @pytest.mark.parametrize(
     "reynolds",
-    [2e4, pytest.param(1e5, marks=pytest.mark.slow), pytest.param(1e6, marks=pytest.mark.slow)],
+    [
+        pytest.param(2e4, marks=pytest.mark.slow),
+        pytest.param(1e5, marks=pytest.mark.slow),
+        pytest.param(1e6, marks=pytest.mark.slow),
+    ],
 )
 def test_no_wall_function_gives_friction_and_log_law(reynolds: float) -> None:
     """Darcy's f within 3 % of Prandtl-Karman, u+ within 5 % of the log law for y+ > 30."""
@@ -343,7 +347,7 @@ def disturbed(changes: dict[str, Any]) -> Section:
 @pytest.mark.parametrize(
     "chosen",
     [
-        pytest.param(FOUR, id="four-equation"),
+        pytest.param(FOUR, id="four-equation", marks=pytest.mark.slow),
         pytest.param(SIMONIN, id="simonin"),
         pytest.param(FOLLOWING, id="following"),
         pytest.param(FOLLOWING_K, id="following, by k", marks=pytest.mark.slow),
@@ -368,7 +372,9 @@ def test_every_block_of_the_jacobian(chosen: dict[str, Any]) -> None:
     "chosen",
     [
         pytest.param(FOUR | {"walls.gas": "log-law"}, id="four-equation", marks=pytest.mark.slow),
-        pytest.param(SIMONIN | {"closures.turbulence": "realizable"}, id="simonin"),
+        pytest.param(
+            SIMONIN | {"closures.turbulence": "realizable"}, id="simonin", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_case_3_from_a_cold_start(chosen: dict[str, Any]) -> None:

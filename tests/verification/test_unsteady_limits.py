@@ -224,7 +224,9 @@ def test_grains_settle_at_their_terminal_velocity(alpha: float, step: float, ord
     assert u_g - u_s == pytest.approx(slip, rel=0.01)
 
 
-@pytest.mark.parametrize(("dt", "steps"), [(3e-4, 1000), (1e-3, 500)])
+@pytest.mark.parametrize(
+    ("dt", "steps"), [pytest.param(3e-4, 1000, marks=pytest.mark.slow), (1e-3, 500)]
+)
 def test_a_settled_column_rests_on_its_own_pressure(dt: float, steps: int, order: int) -> None:
     changes = {**UPRIGHT, "closures.friction": "berzi", "operation.gas_superficial_velocity": 0.1}
     found = flow(box((0.01, 0.01, 0.1), (1, 1, 20), "sssswo"), changes, order=order)

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fem_tfm.models.slug.cross_sections import Still
-from fem_tfm.models.slug.slices import SLICE, Sampler, Samples
+from fem_tfm.models.slug.told.cross_sections import Still
+from fem_tfm.models.slug.told.slices import SLICE, Sampler, Samples
 from fem_tfm.models.slug.tube import SlugTube
 from fem_tfm.output import checkpoint
 from fem_tfm.output.fields import FieldWriter, snapshot

@@ -17,8 +17,8 @@ from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.shapes import Bend, Duct, Pipe
 from fem_tfm.geometry.surface import WallSurface
 from fem_tfm.models.slug.model import DiscreteElements
-from fem_tfm.models.slug.slices import Samples
-from fem_tfm.models.slug.slugs import POROSITY, SHORTEST, Estimate, bulk, statistics
+from fem_tfm.models.slug.told.slices import Samples
+from fem_tfm.models.slug.told.slugs import POROSITY, SHORTEST, Estimate, bulk, statistics
 from fem_tfm.models.slug.tube import Conveying, SlugTube, Steps
 from fem_tfm.output.result import unit_of
 from fem_tfm.output.slug.files import FILES

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fem_tfm.models.slug import cross_sections, slugs
-from fem_tfm.models.slug.cross_sections import Still
-from fem_tfm.models.slug.slices import SLICE, Samples
+from fem_tfm.models.slug.told import cross_sections, slugs
+from fem_tfm.models.slug.told.cross_sections import Still
+from fem_tfm.models.slug.told.slices import SLICE, Samples
 from fem_tfm.output.profiles import write_profiles
 from fem_tfm.output.slug import pictures
 from fem_tfm.output.slug.wear import WallWear

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from fem_tfm.geometry.section import RoundSection, Section
 from fem_tfm.models.slug.grains import Grains
-from fem_tfm.models.slug.slices import shares
+from fem_tfm.models.slug.told.slices import shares
 
 Array = npt.NDArray[np.float64]
 # planes across a stretch in which pixels are looked at

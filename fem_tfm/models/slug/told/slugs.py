@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from fem_tfm.models.slug.slices import Samples
+from fem_tfm.models.slug.told.slices import Samples
 
 Array = npt.NDArray[np.float64]
 # porosity that bounds a slug, and the shortest run that counts as one [m]
