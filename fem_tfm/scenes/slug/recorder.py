@@ -119,7 +119,7 @@ class TubeRecorder(Recorder):
                 self._stills.append(Still.of(tube.time, self._in_line(), low, high))
         if tube.number % self._output == 0 or self.done:
             self._keep()
-            self.log(f"step {tube.number}: {self._warning()}")
+            self.log(f"step {tube.number}: {self._warning(self._row())}")
 
     def _frame(self) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
         """Grains as the film shows them: from the side, a bend to the side from above."""
@@ -154,12 +154,16 @@ class TubeRecorder(Recorder):
 
     def _tell(self) -> None:
         """A row of the monitor and the early-warning line."""
+        row = self._row()
         if self.monitor is not None:
-            self.monitor.write(self._row())
-        self.progress.update(self.tube.number / self._last, self._warning())
+            self.monitor.write(row)
+        self.progress.update(self.tube.number / self._last, self._warning(row))
 
     def _row(self) -> dict[str, Any]:
-        """What the monitor tells of the tube now; porosities are those of the last sample."""
+        """What the monitor tells of the tube now; porosities are those of the last sample.
+
+        Collective where processes share the grains.
+        """
         tube, solids = self.tube, self.samples.solids
         inside = tube.grains.inside()
         return {
@@ -174,8 +178,8 @@ class TubeRecorder(Recorder):
             "grain_error": tube.start + tube.fed - inside - tube.out,
         }
 
-    def _warning(self) -> str:
-        row, end = self._row(), self.scene.numerics.end_time
+    def _warning(self, row: dict[str, Any]) -> str:
+        end = self.scene.numerics.end_time
         return (
             f"{row['time']:.4g} of {end:g} s, {row['grains']} grains, drop"
             f" {row['pressure_drop']:.4g} Pa, max alpha_s {row['max_solids_fraction']:.3f},"
