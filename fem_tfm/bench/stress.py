@@ -90,7 +90,12 @@ class Outcome:
     @property
     def cause(self) -> str:
         """The reason without its numbers, so that equal ones can be counted."""
-        return re.sub(r"-?\d+(\.\d+)?(e[+-]?\d+)?", "#", self.reason)
+        return without_numbers(self.reason)
+
+
+def without_numbers(reason: str) -> str:
+    """A sentence with # for each number."""
+    return re.sub(r"-?\d+(\.\d+)?(e[+-]?\d+)?", "#", reason)
 
 
 def _column(

@@ -11,7 +11,6 @@ that must pass through packed grains drops a pressure that such a line may have.
 from __future__ import annotations
 
 import math
-import re
 import time
 from collections import Counter
 from collections.abc import Iterable, Iterator
@@ -21,7 +20,14 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from fem_tfm.bench.stress import LARGEST_GRAIN, LEFT_OUT, PACKED_FRACTION, PLASTIC, nested
+from fem_tfm.bench.stress import (
+    LARGEST_GRAIN,
+    LEFT_OUT,
+    PACKED_FRACTION,
+    PLASTIC,
+    nested,
+    without_numbers,
+)
 from fem_tfm.case import Case
 from fem_tfm.closures import make, names
 from fem_tfm.closures.drag import Ergun
@@ -93,7 +99,7 @@ class Outcome:
     @property
     def cause(self) -> str:
         """The reason without its numbers, so that equal ones can be counted."""
-        return re.sub(r"-?\d+(\.\d+)?(e[+-]?\d+)?", "#", self.reason)
+        return without_numbers(self.reason)
 
 
 class Watch(FlowRecorder):

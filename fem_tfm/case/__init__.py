@@ -18,12 +18,11 @@ from fem_tfm.case.edit import (
     drop_references,
     each_once,
     give_way,
-    one_of,
     parse_override,
     read,
 )
 from fem_tfm.scenes.kinds import known_keys
-from fem_tfm.scenes.reading import scene_from, tables_of
+from fem_tfm.scenes.reading import scene_from, tables_of, value_at
 from fem_tfm.scenes.recorder import case_text
 from fem_tfm.scenes.scene import Scene
 
@@ -89,13 +88,7 @@ class Case:
 
     def __getitem__(self, key: str) -> Any:
         """Value at a dotted key, given or default; None where there is none."""
-        found: Any = self.tables
-        for part in key.split("."):
-            if isinstance(found, list | tuple) and found and isinstance(found[0], Mapping):
-                found = found[one_of(found, part, key)]
-            else:
-                found = found.get(part) if isinstance(found, Mapping) else None
-        return found
+        return value_at(self.tables, key)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Case) and self.scene == other.scene

@@ -12,7 +12,7 @@ from typing import Any
 from fem_tfm.errors import InputError, nearest
 from fem_tfm.operation import FEEDS
 from fem_tfm.scenes.kinds import known_keys, known_tables
-from fem_tfm.scenes.reading import AUTO, CHOOSING, SOLUTION, unknown_key
+from fem_tfm.scenes.reading import AUTO, CHOOSING, SOLUTION, one_of, unknown_key
 
 # ways to give one thing, each a key with its companions: a changed key replaces the other ways
 INSTEAD: dict[str, dict[str, tuple[str, ...]]] = {
@@ -98,23 +98,6 @@ def read(path: Path) -> dict[str, Any]:
         raise InputError("case file", str(path), allowed) from None
     except ValueError as error:
         raise InputError("case file", str(path), f"valid TOML in UTF-8 ({error})") from None
-
-
-def one_of(listed: Sequence[Any], part: str, key: str) -> int:
-    """Number of a table in an array of tables, by its name or by its number from 0 on.
-
-    Raises
-    ------
-    InputError
-        there is no such table.
-    """
-    names = [str(t.get("name", n)) if isinstance(t, Mapping) else "" for n, t in enumerate(listed)]
-    if part in names:
-        return names.index(part)
-    if part.isdecimal() and int(part) < len(listed):
-        return int(part)
-    allowed = f"one of {', '.join(names)}, or a number from 0 to {len(listed) - 1}"
-    raise InputError(key, part, allowed, nearest(part, names))
 
 
 def _listed(values: Any, steps: Sequence[str]) -> Sequence[Any] | None:

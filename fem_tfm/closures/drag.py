@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from dataclasses import dataclass
+from typing import ClassVar
 
 from fem_tfm.closures.base import Closure, parameter, register
 from fem_tfm.closures.ops import Value, atan, exp, ln, safe_pow, smooth_norm, smooth_step, sqrt
@@ -25,7 +26,12 @@ _TINY_FRACTION = 1e-5
 
 
 class Drag(Closure):
-    """Interface of a drag law."""
+    """Interface of a drag law.
+
+    filtered : whether it accounts for clusters that are not resolved
+    """
+
+    filtered: ClassVar[bool] = False
 
     @abstractmethod
     def specific(self, alpha_s: Value, slip: Value, gas: Fluid, solids: Solids) -> Value:

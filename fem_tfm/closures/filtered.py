@@ -8,6 +8,7 @@ over the length on which a grain reaches its terminal velocity v_t.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 from fem_tfm.closures.base import parameter, register
 from fem_tfm.closures.drag import WenYu
@@ -37,6 +38,7 @@ class FilteredDrag(WenYu):
     Source: Igci, Pannala, Benyahia and Sundaresan (2012), Ind. Eng. Chem. Res. 51, 2094-2103.
     """
 
+    filtered: ClassVar[bool] = True
     share: float = parameter(1.0, "-", "share of the clusters that are not resolved", ge=0, le=1)
 
     def clustering(self, alpha_s: Value) -> Value:

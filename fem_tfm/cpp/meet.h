@@ -26,29 +26,33 @@ struct Meeting {
     alignas(32) float noise[3][8], chance[8], pick[4][8], shared[8];
 };
 
+// expected collisions a second of lane k with a material
+inline double expected(const Job& job, const Meeting& m, int k, int32_t cell, double diameter, int material) {
+    const float* row = job.partners.rows + ((int64_t)material * job.grid.count + cell) * kernel::PARTNER;
+    double speed = 1e-12;
+    for (int j = 0; j < 3; ++j) {
+        const double slip = m.w[j][k] - row[1 + j];
+        speed += slip * slip + (double)row[4 + j] * row[4 + j];
+    }
+    const double reach = diameter + row[7];
+    return 0.7853981633974483 * reach * reach * __builtin_sqrt(speed) * row[0];
+}
+
 // A material of the cloud by its share of the collisions that are expected; that share. Draws from 0 to 1.
 inline int partner(const Job& job, const Meeting& m, int k, int32_t cell, double diameter, float draw,
                    double& total, double& share) {
-    const kernel::Partners& p = job.partners;
-    constexpr int MOST = 16;
-    double sums[MOST];
+    const int count = job.partners.materials;
     total = 0;
-    const int count = p.materials < MOST ? p.materials : MOST;
-    for (int i = 0; i < count; ++i) {
-        const float* row = p.rows + ((int64_t)i * job.grid.count + cell) * kernel::PARTNER;
-        double speed = 1e-12;
-        for (int j = 0; j < 3; ++j) {
-            const double slip = m.w[j][k] - row[1 + j];
-            speed += slip * slip + (double)row[4 + j] * row[4 + j];
-        }
-        const double reach = diameter + row[7];
-        total += 0.7853981633974483 * reach * reach * __builtin_sqrt(speed) * row[0];
-        sums[i] = total;
-    }
+    for (int i = 0; i < count; ++i) total += expected(job, m, k, cell, diameter, i);
     if (!(total > 0)) return -1;
+    // the first whose sum reaches the draw
     int found = 0;
-    while (found < count - 1 && draw * total > sums[found]) ++found;
-    share = (sums[found] - (found ? sums[found - 1] : 0.0)) / total;
+    double own = expected(job, m, k, cell, diameter, 0), sum = own;
+    while (found < count - 1 && draw * total > sum) {
+        own = expected(job, m, k, cell, diameter, ++found);
+        sum += own;
+    }
+    share = own / total;
     return share > 0 ? found : -1;
 }
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, fields
 from typing import Any, get_args, get_origin
 
@@ -220,3 +220,42 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(v) for v in value]
     return value
+
+
+# -- one value -------------------------------------------------------------------------------------
+
+
+def value_at(tables: Any, key: str) -> Any:
+    """The value at a dotted key of nested tables; None where there is none.
+
+    A table of an array of tables goes by its name or its number, as in particles.materials.ash.
+
+    Raises
+    ------
+    InputError
+        there is no such table in an array.
+    """
+    found = tables
+    for part in key.split("."):
+        if isinstance(found, list | tuple) and found and isinstance(found[0], Mapping):
+            found = found[one_of(found, part, key)]
+        else:
+            found = found.get(part) if isinstance(found, Mapping) else None
+    return found
+
+
+def one_of(listed: Sequence[Any], part: str, key: str) -> int:
+    """Number of a table in an array of tables, by its name or by its number from 0 on.
+
+    Raises
+    ------
+    InputError
+        there is no such table.
+    """
+    names = [str(t.get("name", n)) if isinstance(t, Mapping) else "" for n, t in enumerate(listed)]
+    if part in names:
+        return names.index(part)
+    if part.isdecimal() and int(part) < len(listed):
+        return int(part)
+    allowed = f"one of {', '.join(names)}, or a number from 0 to {len(listed) - 1}"
+    raise InputError(key, part, allowed, nearest(part, names))

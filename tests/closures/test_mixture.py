@@ -95,3 +95,18 @@ def test_no_grains_change_nothing() -> None:
         assert shared_friction(alone, state, law, Followers(0.0, 1e-5, 0.1, 0.45))[0] == (
             pytest.approx(alone, rel=1e-9)
         )
+
+
+@pytest.mark.parametrize("name", ["log-law", "log-law-k"])
+def test_a_layer_is_found_at_any_height_and_speed(name: str) -> None:
+    """A cell in the sublayer, or whose gas hardly moves, gets finite coefficients that brake."""
+    law, gas = make("gas-wall", name), Gas(density=1.2, viscosity=1.8e-5)
+    for speed in (1e-6, 1e-3, 0.1, 3.0, 50.0):
+        for height in (1e-6, 1e-4, 1e-2):
+            for k in (1e-10, 1e-4, 1.0):
+                state = GasWallState(speed, height, gas, k if law.needs_k else None)
+                for loading in (0.1, 10.0, 1000.0):
+                    of = Followers(loading, 1e-3, 0.1, 0.45)
+                    found = shared_friction(law.coefficient(state), state, law, of)
+                    assert np.all(np.isfinite(found)), (speed, height, k, loading)
+                    assert min(found) >= 0, (speed, height, k, loading)

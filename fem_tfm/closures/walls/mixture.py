@@ -24,7 +24,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from fem_tfm.closures.ops import Value, exp, ln, sqrt
+from fem_tfm.closures.ops import Value, exp, ln, maximum, sqrt
 from fem_tfm.closures.walls.gas import GasWall, GasWallState
 
 # tau_t y_p over y_p/u_p in equilibrium: 3/2 nu/k with nu = kappa u y and k = u^2/0.3
@@ -35,6 +35,9 @@ BLEND = 2.5
 ITERATIONS, INNER = 3, 2
 # von Karman's constant, and kappa y+ at the edge of the sublayer, y+ = ln(9.8 y+)/kappa
 KAPPA, EDGE = 0.41, 4.73
+# least kappa U/u_g of the gas alone. Below EDGE the whole layer is viscous, and the traction of the
+# eddies has no share in it; the sum of the logarithms would vanish there
+LEAST_LOG = 1.0
 # keeps a law without traction finite
 _TINY = 1e-30
 
@@ -67,7 +70,7 @@ def mixed_layer(
 
     Newton's method in u_g, with w_0 and w_p that follow.
     """
-    a, log = 1 + followers.loading, KAPPA * u_plus
+    a, log = 1 + followers.loading, maximum(KAPPA * u_plus, LEAST_LOG)
     lag = followers.relaxation / (EDDY_TIME * KAPPA * distance)
     slip2 = EDDY_TIME * followers.crossing * followers.slip**2
     # rise = u_g over that of the gas alone; heights are over y_p

@@ -51,9 +51,14 @@ class Cell:
     middles: tuple[tuple[int, ...], ...] = ()
 
     @property
+    def vertices(self) -> list[int]:
+        """Numbers of the nodes that are vertices."""
+        return sorted({n for facet in self.facets for n in facet})
+
+    @property
     def linear(self) -> Floats:
         """Weights (nodes, nodes) that give each node the linear interpolant of the vertices."""
-        ref, vertices = self.reference, sorted({n for facet in self.facets for n in facet})
+        ref, vertices = self.reference, self.vertices
         corners = ref[vertices]
         weights = np.zeros((len(ref), len(ref)))
         if ref.min() < 0:

@@ -11,14 +11,14 @@ assemblies and no solve.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, dataclass
 from typing import Any, ClassVar
 
 from fem_tfm.errors import InputError
 from fem_tfm.output.result import InputRange
 from fem_tfm.parameters import Parameters, parameter
-from fem_tfm.scenes.reading import scene_from, tables_of
+from fem_tfm.scenes.reading import scene_from, tables_of, value_at
 
 # step of the differences over the number itself
 STEP = 1e-4
@@ -91,9 +91,7 @@ def sensitivities(scene: Any, answer: Any, keys: Iterable[str]) -> list[Sensitiv
 
 def number(scene: Any, key: str) -> float:
     """The number at a dotted key of a scene; raises InputError where there is none."""
-    found: Any = tables_of(scene)
-    for part in key.split("."):
-        found = found.get(part) if isinstance(found, Mapping) else None
+    found = value_at(tables_of(scene), key)
     if isinstance(found, bool) or not isinstance(found, int | float):
         raise InputError(key, found, "a key at which the case has a number")
     return float(found)

@@ -152,7 +152,7 @@ def _of_clusters(scene: Any, falling: float) -> Derived:
     """Whether grains of a rising line move in clusters, which a steady section averages over."""
     width = scene.geometry.hydraulic_diameter
     size = scene.feed.gravity * width / falling**2 if falling > 0 else math.inf
-    doubt, uniform = "", scene.model.drag.name != "igci"
+    doubt, uniform = "", not scene.model.drag.filtered
     if size > CLUSTERED and loading(scene) > CLUSTER_LOADING and uniform:
         doubt = (
             "such grains rise in clusters, which are not resolved: slip and hold-up come out too"

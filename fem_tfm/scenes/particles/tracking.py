@@ -60,7 +60,7 @@ def carrier_of(scene: Any, section: Any, heat: GasHeat | None = None) -> Carrier
 
 def lattice_of(grid: Grid) -> Lattice:
     """The cells of a grid as files know them."""
-    corners = sorted({n for facet in grid.cell.facets for n in facet})
+    corners = grid.cell.vertices
     return Lattice(grid.points, grid.nodes[:, corners], grid.folds)
 
 
