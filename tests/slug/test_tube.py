@@ -224,13 +224,16 @@ def test_a_bed_is_fluidised_at_the_velocity_of_ergun() -> None:
 
 
 def test_the_pressure_drop_does_not_depend_on_the_reference_pressure() -> None:
+    """Means over runs that differ by a last digit of the viscosity, which scatter by 2 %."""
     drops = []
     for reference in (101325.0, 405300.0):
-        made = tube(0.03, gas=TubeGas(viscosity=6.73e-5, reference_pressure=reference))
-        sampler = Sampler(made)
-        made.run(0.2, sampler)
-        drops.append(np.mean(sampler.samples.drop))
-    assert drops[0] == pytest.approx(drops[1], rel=0.08)
+        for digit in range(5):
+            gas = TubeGas(viscosity=6.73e-5 * (1 + 1e-9 * digit), reference_pressure=reference)
+            made = tube(0.03, gas=gas)
+            sampler = Sampler(made)
+            made.run(0.4, sampler)
+            drops.append(np.mean(sampler.samples.drop))
+    assert np.mean(drops[:5]) == pytest.approx(np.mean(drops[5:]), rel=0.04)
 
 
 def test_a_duct_conveys_too() -> None:
