@@ -11,6 +11,7 @@ PAIRS: int
 PARTNER: int
 PARTNER_SIZES: int
 CHUNK: int
+AWAY: int
 DRAG_FIRST: int
 DRAG_OCTAVES: int
 DRAG_PIECES: int
@@ -25,9 +26,6 @@ class Grid:
         cells: int,
         arrays: dict[str, Any],
         nodes: int,
-        low: list[float],
-        bin: list[float],
-        bins: list[int],
         folds: int,
     ) -> None: ...
 

@@ -26,6 +26,7 @@ from fem_tfm.models.carrier import SectionCarrier
 from fem_tfm.models.particles.cloud import Parcels
 from fem_tfm.models.particles.field import Field
 from fem_tfm.models.particles.grid import Floats, Gathered
+from fem_tfm.models.particles.partition import Partition
 from fem_tfm.models.particles.tracker import Steps, Tracker
 from fem_tfm.scenes.developed import Developed
 from fem_tfm.solvers import nested
@@ -109,7 +110,7 @@ def meshes() -> dict[str, Mesh]:
 
 def _field(mesh: Mesh) -> Field:
     """A gas faster and calmer at the axis."""
-    grid = Gathered.of(mesh).grid
+    grid = (Gathered if mesh.length is None else Partition).of(mesh).grid
     x = grid.points[:, :2]
     near = np.clip((x**2).sum(axis=1) / 0.01, 0, 1)
     velocity: Floats = np.zeros((len(x), 3))

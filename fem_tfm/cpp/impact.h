@@ -318,8 +318,7 @@ INLINE double first_hit(const Job& job, const Body& body, double n[3], bool& ope
     }
 }
 
-inline void collide(const Job& job, Body& body, int64_t id, int32_t index, double time,
-                    kernel::Output& out) {
+inline void collide(const Job& job, Body& body, int64_t id, double time, kernel::Output& out) {
     const Options& o = job.options;
     double left = 1.0;
     for (int bounce = 0; bounce < MOST_BOUNCES; ++bounce) {
@@ -344,7 +343,7 @@ inline void collide(const Job& job, Body& body, int64_t id, int32_t index, doubl
         left *= 1.0 - share;
         if (job.with_impacts) {
             kernel::ImpactRecord r;
-            r.id = id, r.step = body.step, r.bounce = (uint32_t)bounce, r.index = index;
+            r.id = id, r.step = body.step, r.bounce = (uint32_t)bounce;
             for (int i = 0; i < 3; ++i) r.x[i] = body.x[i], r.v[i] = body.v[i], r.normal[i] = n[i];
             if (body.mirrored) r.x[0] = -r.x[0], r.v[0] = -r.v[0], r.normal[0] = -r.normal[0];
             r.time = time - left * body.dt;

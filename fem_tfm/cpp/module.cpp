@@ -66,9 +66,7 @@ struct Grid {
     kernel::Grid grid{};
     nb::dict arrays;
 
-    Grid(int cells, nb::dict given, int nodes, std::array<double, 3> low, std::array<double, 3> bin,
-         std::array<int, 3> bins, int folds)
-        : arrays(given) {
+    Grid(int cells, nb::dict given, int nodes, int folds) : arrays(given) {
         grid.cells = static_cast<kernel::Cells>(cells);
         const kernel::Layout layout = kernel::layout_of(grid.cells);
         grid.count = (int)nb::cast<Array<uint8_t>>(given["curved"]).size();
@@ -79,12 +77,6 @@ struct Grid {
         grid.map = data<float>(given, "map", n * layout.map);
         grid.curved = data<uint8_t>(given, "curved", n);
         grid.any_curved = std::any_of(grid.curved, grid.curved + n, [](uint8_t c) { return c != 0; });
-        for (int i = 0; i < 3; ++i) {
-            grid.low[i] = low[i];
-            grid.inverse_bin[i] = 1.0 / bin[i];
-            grid.bins[i] = bins[i];
-        }
-        grid.seed = data<int32_t>(given, "seed", (size_t)bins[0] * bins[1] * bins[2]);
         if (given.contains("near")) {
             grid.near_start = data<int32_t>(given, "near_start", n + 1);
             grid.near = data<int32_t>(given, "near", (size_t)grid.near_start[n]);
@@ -194,6 +186,7 @@ kernel::Cloud cloud_of(const nb::dict& c) {
     found.density = data<double>(c, "density", n);
     found.bounces = data<uint32_t>(c, "bounces", n);
     found.memory = data<float>(c, "memory", 5 * n);
+    found.search = data<int32_t>(c, "search", 2 * n);
     return found;
 }
 
@@ -280,7 +273,8 @@ Run run_of(const Grid& grid, const nb::dict& geometry, const nb::dict& gas, cons
     for (int64_t i = 0; i < run.job.cloud.count; ++i) {
         const int32_t material = run.job.cloud.material[i], cell = run.job.cloud.cell[i];
         if (material < 0 || (size_t)material >= capacity.size()) throw std::invalid_argument("material");
-        if (cell >= grid.grid.count) throw std::invalid_argument("cell");
+        const bool moves = run.job.cloud.status[i] == kernel::INSIDE;
+        if (cell >= grid.grid.count || (moves && cell < 0)) throw std::invalid_argument("cell");
     }
     const size_t n = grid.grid.count;
     if (sinks.contains("sums")) {
@@ -336,21 +330,21 @@ nb::tuple advance(const Grid& grid, nb::dict geometry, nb::dict gas, nb::dict op
                           counts.collisions);
 }
 
-// impacts by id and step, as one array of doubles: id, step, bounce, index, x, v, normal, time
+// impacts by id and step, as one array of doubles: id, step, bounce, x, v, normal, time
 nb::ndarray<nb::numpy, double, nb::ndim<2>> sorted(Impacts& impacts) {
     auto& all = impacts.records;
     std::sort(all.begin(), all.end(), [](const auto& a, const auto& b) {
         return std::tie(a.id, a.step, a.bounce) < std::tie(b.id, b.step, b.bounce);
     });
-    constexpr size_t width = 14;
+    constexpr size_t width = 13;
     auto* values = new double[all.size() * width + 1];
     nb::capsule owner(values, [](void* p) noexcept { delete[] static_cast<double*>(p); });
     for (size_t i = 0; i < all.size(); ++i) {
         double* row = values + i * width;
         const auto& r = all[i];
-        row[0] = (double)r.id, row[1] = r.step, row[2] = r.bounce, row[3] = r.index;
-        for (int j = 0; j < 3; ++j) row[4 + j] = r.x[j], row[7 + j] = r.v[j], row[10 + j] = r.normal[j];
-        row[13] = r.time;
+        row[0] = (double)r.id, row[1] = r.step, row[2] = r.bounce;
+        for (int j = 0; j < 3; ++j) row[3 + j] = r.x[j], row[6 + j] = r.v[j], row[9 + j] = r.normal[j];
+        row[12] = r.time;
     }
     return nb::ndarray<nb::numpy, double, nb::ndim<2>>(values, {all.size(), width}, owner);
 }
@@ -366,13 +360,13 @@ NB_MODULE(_kernel, m) {
     m.attr("PARTNER") = kernel::PARTNER;
     m.attr("PARTNER_SIZES") = kernel::PARTNER_SIZES;
     m.attr("CHUNK") = kernel::CHUNK;
+    m.attr("AWAY") = (int)kernel::AWAY;
     m.attr("DRAG_FIRST") = kernel::DRAG_FIRST;
     m.attr("DRAG_OCTAVES") = kernel::DRAG_OCTAVES;
     m.attr("DRAG_PIECES") = kernel::DRAG_PIECES;
     m.attr("VARIANT") = has_avx2() ? "avx2" : "plain";
     nb::class_<Grid>(m, "Grid")
-        .def(nb::init<int, nb::dict, int, std::array<double, 3>, std::array<double, 3>, std::array<int, 3>, int>(),
-             "cells"_a, "arrays"_a, "nodes"_a, "low"_a, "bin"_a, "bins"_a, "folds"_a);
+        .def(nb::init<int, nb::dict, int, int>(), "cells"_a, "arrays"_a, "nodes"_a, "folds"_a);
     nb::class_<Impacts>(m, "Impacts").def(nb::init<>()).def("sorted", &sorted);
     m.def("advance", &advance, "grid"_a, "geometry"_a, "gas"_a, "options"_a, "cloud"_a, "sinks"_a,
           "impacts"_a.none(), "variant"_a, "threads"_a, "first"_a, "seconds"_a);

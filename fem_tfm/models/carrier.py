@@ -13,7 +13,6 @@ from abc import ABC, abstractmethod
 import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
-from scipy.sparse import csr_matrix, diags
 
 from fem_tfm.closures.particles.dispersion import ParticleDispersion
 from fem_tfm.closures.turbulence.gas import Laminar
@@ -25,6 +24,7 @@ from fem_tfm.materials import Gas
 from fem_tfm.models.finite_volume import UnsteadyFlow
 from fem_tfm.models.particles.field import Field
 from fem_tfm.models.particles.grid import Floats, Gathered, Grid
+from fem_tfm.models.particles.partition import Partition
 from fem_tfm.models.particles.sinks import Sinks
 from fem_tfm.models.pointwise import Invariants
 from fem_tfm.models.reynolds_stress.heat import GasHeat
@@ -44,14 +44,12 @@ class Carrier(ABC):
     """A gas that carries particles.
 
     gas : density and viscosity
-    grid : cells, whole on every rank
+    grid : cells that this rank holds
     field : what the tracker reads
     """
 
-    def __init__(self, mesh: Mesh, gas: Gas) -> None:
-        self.mesh, self.gas = mesh, gas
-        self.gathered = Gathered.of(mesh)
-        self.grid: Grid = self.gathered.grid
+    def __init__(self, mesh: Mesh, gas: Gas, grid: Grid) -> None:
+        self.mesh, self.gas, self.grid = mesh, gas, grid
         self.field = Field(self.grid, float(gas.density), float(gas.viscosity))
 
     @abstractmethod
@@ -90,10 +88,11 @@ class Carrier(ABC):
 
 
 class _SectionCarrier(Carrier):
-    """Unknowns of a section at the nodes of its grid."""
+    """Unknowns of a section at the nodes of its grid, which every rank holds whole."""
 
     def __init__(self, section: Section, gas: Gas, dispersion: ParticleDispersion) -> None:
-        super().__init__(section.mesh, gas)
+        self.gathered = Gathered.of(section.mesh)
+        super().__init__(section.mesh, gas, self.gathered.grid)
         self.section, self.dispersion = section, dispersion
         self._dofs: dict[str, list[np.ndarray]] = {}
         self._expressions: tuple[fem.Function, list[fem.Expression], np.ndarray] | None = None
@@ -243,18 +242,14 @@ class LineCarrier(Carrier):
     """The gas of an unsteady flow in a line, its cell values averaged at the nodes by volume.
 
     The stresses are 2/3 k I; an algebraic eddy viscosity stands for turbulence in equilibrium, as
-    for a two-fluid section. Walls are those of the line, exact whatever the mesh.
+    for a two-fluid section. Walls are those of the line, exact whatever the mesh. A rank holds its
+    own cells.
     """
 
     def __init__(self, flow: UnsteadyFlow, dispersion: ParticleDispersion) -> None:
-        super().__init__(flow.mesh, flow.gas)
+        self.partition = Partition.of(flow.mesh)
+        super().__init__(flow.mesh, flow.gas, self.partition.grid)
         self.flow, self.dispersion = flow, dispersion
-        nodes = self.grid.nodes
-        weight = np.repeat(self.grid.sizes, nodes.shape[1])
-        shape = len(self.grid.points), self.grid.count
-        entries = (weight, (nodes.ravel(), np.repeat(np.arange(self.grid.count), nodes.shape[1])))
-        table = csr_matrix(entries, shape=shape)
-        self._average = diags(1 / np.asarray(table.sum(axis=1)).ravel()) @ table
 
     def update(self) -> None:
         """Read velocity, turbulence and pressure gradient (collective)."""
@@ -263,23 +258,15 @@ class LineCarrier(Carrier):
         scales = self._scales() if self.dispersion.turbulent else None
         if scales is not None:
             columns += [scales[0][:, None], scales[1][:, None]]
-        whole = self._average @ self._whole(np.concatenate(columns, axis=1))
+        nodal = self.partition.at_nodes(np.concatenate(columns, axis=1))
         stress = time = None
         if scales is not None:
-            k = np.maximum(whole[:, 6], SMALLEST_ENERGY)
+            k = np.maximum(nodal[:, 6], SMALLEST_ENERGY)
             stress = 2 / 3 * k[:, None, None] * np.eye(3)
-            time = self.dispersion.life(k, whole[:, 7])
+            time = self.dispersion.life(k, nodal[:, 7])
         self.field.fill(
-            velocity=whole[:, :3], stress=stress, time=time, pressure_gradient=whole[:, 3:6]
+            velocity=nodal[:, :3], stress=stress, time=time, pressure_gradient=nodal[:, 3:6]
         )
-
-    def _whole(self, owned: Floats) -> Floats:
-        """Values of all cells of the grid, from those that this rank owns."""
-        comm, found = self.mesh.mesh.comm, np.empty((self.grid.count, *owned.shape[1:]))
-        parts = zip(comm.allgather(self.grid.owned), comm.allgather(owned), strict=True)
-        for numbers, part in parts:
-            found[numbers] = part
-        return found
 
     def _scales(self) -> tuple[Floats, Floats] | None:
         """k [m2/s2] and eps [m2/s3] in the owned cells; None in a laminar gas."""

@@ -23,7 +23,8 @@ from fem_tfm.materials import Solids
 from fem_tfm.models.carrier import LineCarrier
 from fem_tfm.models.finite_volume import UnsteadyFlow
 from fem_tfm.models.particles.cloud import Parcels
-from fem_tfm.models.particles.grid import Gathered, Grid, Walls
+from fem_tfm.models.particles.grid import Grid, Walls
+from fem_tfm.models.particles.partition import Partition
 from fem_tfm.models.particles.tracker import Forces, Impacts, Steps, Tracker
 
 ASH = Solids(density=1800.0, diameter=1.4e-4)
@@ -195,18 +196,18 @@ def test_walls_of_a_meshed_bend(cells: str) -> None:
     mesh = extruded_mesh(
         section, Resolution(level=1, cells=cells), length, 30, MPI.COMM_WORLD, arc=arc, order=1
     )
-    grid = Gathered.of(mesh).grid
+    grid = Partition.of(mesh).grid
     assert (grid.walls.kind, grid.folds, grid.walls.length) == ("bent circle", 1, length)
     field = gas(grid, velocity=lambda x: 10 * arc.axis(x))
     x = np.zeros((400, 3))
     x[:, :2] = np.random.default_rng(1).uniform(-0.03, 0.03, (400, 2))
-    parcels = Parcels.release(x, [0, 0, 10.0], ASH, diameter=0.0)
+    parcels = Parcels.release(x, [0, 0, 10.0], ASH, diameter=0.0).share(MPI.COMM_WORLD)
     report = Tracker([ASH], steps=Steps(largest=1e-3)).advance(parcels, field, until_time=1.0)
-    assert parcels.counts()["out"] == 400
+    assert parcels.counts(MPI.COMM_WORLD)["out"] == 400
     assert report.strays < 5
     end = arc.straightened(parcels.x)
     assert end[:, 2] == pytest.approx(length, abs=0.011)
-    assert end[:, :2] == pytest.approx(x[:, :2], abs=2e-3)
+    assert end[:, :2] == pytest.approx(x[parcels.id, :2], abs=2e-3)
 
 
 # -- the gas of an unsteady flow ---------------------------------------------------------------

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
@@ -52,6 +52,7 @@ class Parcels:
     rate : particles per second that a parcel stands for (steady flow), or their number
     diameter, density : [m], [kg/m3];  bounces : impacts so far
     memory : (n, 5) of the last step: gas velocity seen, drag rate, next step
+    carried : further arrays over the parcels, which go where these go
     """
 
     id: npt.NDArray[np.int64]
@@ -70,6 +71,7 @@ class Parcels:
     density: npt.NDArray[np.float64]
     bounces: npt.NDArray[np.uint32]
     memory: npt.NDArray[np.float32]
+    carried: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, (kind, width) in KINDS.items():
@@ -149,25 +151,33 @@ class Parcels:
         """All parcels of several clouds."""
         clouds = list(parts)
         arrays = {name: np.concatenate([getattr(c, name) for c in clouds]) for name in KINDS}
-        return cls(**arrays)
+        more = clouds[0].carried
+        carried = {name: np.concatenate([c.carried[name] for c in clouds]) for name in more}
+        return cls(**arrays, carried=carried)
 
     def select(self, chosen: Any) -> Self:
         """A copy of some parcels, by mask or numbers."""
-        return type(self)(**{name: getattr(self, name)[chosen].copy() for name in KINDS})
+        carried = {name: values[chosen].copy() for name, values in self.carried.items()}
+        arrays = {name: getattr(self, name)[chosen].copy() for name in KINDS}
+        return type(self)(**arrays, carried=carried)
 
     def copy(self) -> Self:
         """A copy of all."""
         return self.select(slice(None))
 
+    def replace(self, other: Parcels) -> None:
+        """Become another cloud, whose arrays are taken over."""
+        for name in (*KINDS, "carried"):
+            setattr(self, name, getattr(other, name))
+
     def assign(self, other: Parcels) -> None:
-        """Take over the values of a copy."""
-        for name in KINDS:
-            getattr(self, name)[...] = getattr(other, name)
+        """Become a copy of another cloud."""
+        self.replace(other.copy())
 
     # -- ranks and files -----------------------------------------------------------------------
 
     def share(self, comm: MPI.Comm) -> Self:
-        """Those that a rank of `comm` moves, dealt out by id of a cloud that all ranks have."""
+        """Those of a cloud that all ranks have that this rank of `comm` begins with, by id."""
         return self.select(self.id % comm.size == comm.rank)
 
     def gather(self, comm: MPI.Comm) -> Self | None:
@@ -175,7 +185,7 @@ class Parcels:
         parts = comm.gather(self.arrays(), root=0)
         if parts is None:
             return None
-        whole = self.concatenate(type(self)(**part) for part in parts)
+        whole = self.concatenate(self.from_arrays(part) for part in parts)
         return whole.select(np.argsort(whole.id, kind="stable"))
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
@@ -194,7 +204,8 @@ class Parcels:
         for name in KINDS:
             if name not in arrays:
                 raise InputError(f"parcels.{name}", None, "an array over the parcels")
-        return cls(**{f.name: np.array(arrays[f.name]) for f in fields(cls)})
+        copies: dict[str, Any] = {name: np.array(arrays[name]) for name in KINDS}
+        return cls(**copies)
 
     # -- what others read ----------------------------------------------------------------------
 

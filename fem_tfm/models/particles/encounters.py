@@ -24,9 +24,16 @@ from fem_tfm.models.particles.sinks import FEWEST, FINENESS, TIME
 # typical velocity [m/s], a power of two
 SPEED = 32.0
 FIELDS = 8
+# quanta of the largest part of a sum over the cells, which leaves room for 2^27 parts
+GRAIN = 2.0**-36
 NO_COLLISIONS = {
     "pair_restitution": 1.0, "pair_friction": 0.0, "pair_correlation": 0.0, "pair_share": 0.0,
 }  # fmt: skip
+
+
+def _power(value: float) -> float:
+    """The least power of two that is not below a value."""
+    return float(2.0 ** math.ceil(math.log2(max(value, 1e-300))))
 
 
 class Encounters:
@@ -69,6 +76,7 @@ class Encounters:
         self.sums = np.zeros((*shape, _kernel.PAIRS), dtype=np.int64)
         self.partners = np.zeros((*shape, _kernel.PARTNER), dtype=np.float32)
         self.fields = np.zeros((*shape, FIELDS))
+        self._totals = np.zeros((materials, _kernel.PAIRS), dtype=np.int64)
         self._sizes(parcels, materials)
         self._frequency = 0.0
 
@@ -77,7 +85,7 @@ class Encounters:
         most = float(values.max(initial=0.0))
         if self.comm is not None:
             most = self.comm.allreduce(most, MPI.MAX)
-        return float(2.0 ** math.ceil(math.log2(max(most, 1e-300))))
+        return _power(most)
 
     def _sizes(self, parcels: Parcels, materials: int) -> None:
         """Diameters of each material in shares of equal number, and its density."""
@@ -120,8 +128,10 @@ class Encounters:
 
         The change is that of the mean frequency of collisions that the cloud would expect.
         """
-        if self.comm is not None:
+        # a rank that holds a part of the grid has all of its cells' sums
+        if self.comm is not None and self.grid.comm.size == 1:
             self.comm.Allreduce(MPI.IN_PLACE, self.sums, MPI.SUM)
+        self._totals = self.grid.comm.allreduce(self.sums.sum(axis=1))
         time = self.sums[..., 0] * self.quanta["number"]
         whole = np.where(time > 0, time, 1.0)[..., None]
         mean = self.sums[..., 1:4] * self.quanta["pair_moment"] / whole
@@ -145,14 +155,20 @@ class Encounters:
         spread = np.sqrt(2 * (self.partners[..., 4:7].astype(float) ** 2).sum(axis=-1))
         reach = self.partners[..., 7].astype(float)
         rate = ParticleCollisions.frequency(self.partners[..., 0].astype(float), reach, spread)
-        return (time * rate).sum() / max(time.sum(), 1e-300)
+        return self._total(time * rate) / max(self._total(time), 1e-300)
+
+    def _total(self, values: Floats) -> float:
+        """Sum over the cells of all ranks, in whole numbers so that their order does not matter."""
+        quantum = self.grid.comm.allreduce(_power(float(values.max(initial=0.0))), MPI.MAX) * GRAIN
+        whole = int(np.rint(values / quantum).astype(np.int64).sum())
+        return float(self.grid.comm.allreduce(whole) * quantum)
 
     @property
     def collisions(self) -> Floats:
         """Collisions of the particles of each material in the last pass (materials,) [1/s]."""
-        return np.asarray(self.sums[..., 7].sum(axis=1) * self.quanta["events"])
+        return np.asarray(self._totals[:, 7] * self.quanta["events"])
 
     @property
     def residence(self) -> Floats:
         """Number of particles of each material in the stretch of the last pass (materials,)."""
-        return np.asarray(self.sums[..., 0].sum(axis=1) * self.quanta["number"])
+        return np.asarray(self._totals[:, 0] * self.quanta["number"])

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 import fem_tfm._kernel as _kernel
 from fem_tfm.models.particles.grid import Floats, Grid
@@ -93,11 +94,10 @@ class Field:
         self.rows_ahead = None
 
     def fastest(self) -> float:
-        """Largest speed at a node [m/s]."""
-        both = (self.rows, self.rows_ahead)
-        return max(
-            float(np.linalg.norm(r[:, VELOCITY], axis=1).max()) for r in both if r is not None
-        )
+        """Largest speed at a node of any rank [m/s] (collective on the grid)."""
+        both = (rows for rows in (self.rows, self.rows_ahead) if rows is not None)
+        most = max(float(np.linalg.norm(r[:, VELOCITY], axis=1).max(initial=0.0)) for r in both)
+        return float(self.grid.comm.allreduce(most, MPI.MAX))
 
     def for_kernel(self) -> dict[str, Any]:
         """Rows and numbers of the kernel."""

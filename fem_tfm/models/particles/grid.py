@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Cells that particles move through, whole on every rank.
+"""Cells that particles move through: all of them, or the part of a rank.
 
-A distributed mesh is gathered in the order of its input, so that cells and nodes have the same
-numbers on any number of ranks. Cells of a section carry fields of degree two: nine nodes of a
-quadrilateral, six of a triangle.
+A distributed section is gathered in the order of its input, so that cells and nodes have the same
+numbers on any number of ranks. Its cells carry fields of degree two: nine nodes of a quadrilateral,
+six of a triangle.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -30,8 +31,9 @@ type Integers = npt.NDArray[np.int32]
 
 # a cell whose map leaves the affine one by this share of its size is curved
 STRAIGHT = 1e-9
-# bins of the search along each axis for a cell
-BINS = {2: 2.0, 3: 1.5}
+# places whose nearest cell is looked for are moved by these shares of the width, so that no two
+# cells of a regular mesh are equally near
+ASIDE = (3.1e-5, 1.7e-5, 2.3e-5)
 # ratio of nodal values in a cell up to which their interpolant of degree two is positive
 STEEP = 4.0
 FOLDS = {"none": 0, "half": 1, "quarter": 2}
@@ -84,7 +86,7 @@ class Walls:
 
 @dataclass(eq=False)
 class Grid:
-    """Cells of a section or a line, their nodes and walls, whole on every rank.
+    """Cells of a section or a line, their nodes and walls: all of them, or the part of a rank.
 
     cell : kind of the cells
     nodes : (cells, nodes of a cell) in the order of the kernel
@@ -94,6 +96,16 @@ class Grid:
     owned : number in the grid of each owned cell of the mesh on this rank
     open : (facets, 2) cell and facet through which parcels leave, where walls are planes;
         other facets of the boundary are walls unless they lie in the plane x = 0 of a fold
+    comm : ranks that hold the other parts; one rank holds all cells
+    number : (cells,) of each cell in the whole, ascending
+    keys : (nodes,) of each node in the whole
+    beyond : (facets, 3) cell, facet and number of the ghost across it
+    ghosts : (ghosts, 2) rank that owns it, number in the whole
+
+    Raises
+    ------
+    InputError
+        walls are planes, and other ranks hold parts.
     """
 
     cell: Cell
@@ -103,33 +115,30 @@ class Grid:
     folds: int = 0
     owned: Integers = field(default_factory=lambda: np.empty(0, dtype=np.int32))
     open: Integers = field(default_factory=lambda: np.empty((0, 2), dtype=np.int32))
+    comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_SELF)
+    number: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    keys: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    beyond: Integers = field(default_factory=lambda: np.empty((0, 3), dtype=np.int32))
+    ghosts: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     arrays: dict[str, Any] = field(init=False, repr=False)
     kernel: _kernel.Grid = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        dim = self.points.shape[1]
+        if not len(self.number):
+            self.number, self.keys = np.arange(len(self.nodes)), np.arange(len(self.points))
         maps, curved = self.cell.maps(self.points[self.nodes], STRAIGHT)
-        low, size, bins, seed = self._bins()
         self.arrays = {
             "node": np.ascontiguousarray(self.nodes, dtype=np.int32),
             "neighbour": neighbours(self.cell, self.nodes),
             "map": maps,
             "curved": curved,
-            "seed": seed,
         }
         if self.walls.kind == "planes":
+            if self.comm.size > 1:
+                raise InputError("walls.kind", "planes", "exact walls for a grid in parts")
             self.arrays |= faces.near(self)
-        shape = np.ones(3, dtype=int)
-        shape[:dim] = bins
-        self.kernel = _kernel.Grid(
-            self.cell.number,
-            self.arrays,
-            len(self.points),
-            [*low, *[0.0] * (3 - dim)],
-            [*size, *[1.0] * (3 - dim)],
-            shape.tolist(),
-            self.folds,
-        )
+        self.arrays["neighbour"][self.beyond[:, 0], self.beyond[:, 1]] = -2 - self.beyond[:, 2]
+        self.kernel = _kernel.Grid(self.cell.number, self.arrays, len(self.points), self.folds)
 
     @property
     def count(self) -> int:
@@ -138,10 +147,11 @@ class Grid:
 
     @property
     def width(self) -> float:
-        """Smaller width of the section, or of the box around a line [m]."""
+        """Smaller width of the section, or of the box around a line [m] (collective)."""
         if self.walls.half[0] > 0:
             return 2 * min(self.walls.half)
-        return float(np.ptp(self.points, axis=0).min())
+        low = self.comm.allreduce(self.points.min(axis=0), MPI.MIN)
+        return float((self.comm.allreduce(self.points.max(axis=0), MPI.MAX) - low).min())
 
     @property
     def sizes(self) -> Floats:
@@ -159,21 +169,73 @@ class Grid:
         found[self.nodes[steep]] = inside[steep] @ self.cell.linear.T
         return found
 
-    def _bins(self) -> tuple[Floats, Floats, npt.NDArray[np.int64], Integers]:
-        """Corner, size and number of bins, and the cell nearest to each."""
-        centres = self.points[self.nodes].mean(axis=1)
-        low, high = self.points.min(axis=0), self.points.max(axis=0)
-        extent = np.maximum(high - low, 1e-300)
-        per_axis = BINS[self.points.shape[1]]
-        unit = (extent.prod() / len(centres)) ** (1 / len(extent)) / per_axis
-        bins = np.clip(np.ceil(extent / unit), 1, 2000).astype(np.int64)
-        size = extent / bins
-        axes = [low[i] + size[i] * (np.arange(bins[i]) + 0.5) for i in range(len(bins))]
-        places = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-        # the first axis runs fastest in the kernel
-        places = places.transpose(*reversed(range(len(bins))), len(bins)).reshape(-1, len(bins))
-        seed = cKDTree(centres).query(places)[1].astype(np.int32)
-        return low, size, bins, seed
+    # -- parts ---------------------------------------------------------------------------------
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.points[self.nodes].mean(axis=1))
+
+    def nearest(self, x: Floats) -> tuple[Floats, npt.NDArray[np.int64]]:
+        """Distance to the nearest centre of a cell of this part, and the cell; x (n, 3) [m]."""
+        if self.count == 0:
+            return np.full(len(x), np.inf), np.zeros(len(x), dtype=np.int64)
+        places = x[:, : self.points.shape[1]].copy()
+        places[:, : self.folds] = np.abs(places[:, : self.folds])
+        return self._tree.query(places + self.width * np.array(ASIDE)[: places.shape[1]])
+
+    def find(self, x: Floats) -> npt.NDArray[np.int64]:
+        """Rank and number in the whole of the cell whose centre is nearest, (n, 2) (collective).
+
+        A walk from there leads to the cell that holds the place.
+        """
+        counts = self.comm.allgather(len(x))
+        everywhere = np.concatenate(self.comm.allgather(x))
+        distance, cell = self.nearest(everywhere)
+        least, number = distance.copy(), np.full(len(everywhere), np.iinfo(np.int64).max)
+        self.comm.Allreduce(MPI.IN_PLACE, least, MPI.MIN)
+        near = distance == least
+        number[near] = self.number[cell[near]]
+        mine = number.copy()
+        self.comm.Allreduce(MPI.IN_PLACE, number, MPI.MIN)
+        rank = np.where(near & (mine == number), self.comm.rank, -1)
+        self.comm.Allreduce(MPI.IN_PLACE, rank, MPI.MAX)
+        here = slice(sum(counts[: self.comm.rank]), sum(counts[: self.comm.rank + 1]))
+        return np.stack([rank[here], number[here]], axis=1)
+
+    def local(self, number: npt.NDArray[Any]) -> Integers:
+        """Cells of this part by their numbers in the whole, -1 for those of other ranks."""
+        at = np.searchsorted(self.number, number)
+        at = np.minimum(at, max(self.count - 1, 0))
+        own = self.number[at] == number if self.count else np.zeros(len(at), dtype=bool)
+        return np.where(own, at, -1).astype(np.int32)
+
+    def numbered(self, cell: Integers) -> Integers:
+        """Numbers in the whole of cells of this part; below 0 nothing changes."""
+        return np.where(cell < 0, cell, self.number[np.maximum(cell, 0)]).astype(np.int32)
+
+    def collect(self, values: npt.NDArray[Any], axis: int = 0) -> npt.NDArray[Any] | None:
+        """Values of all cells in the order of the whole on rank 0, None elsewhere (collective)."""
+        parts = self.comm.gather((self.number, values))
+        if parts is None:
+            return None
+        order = np.argsort(np.concatenate([part[0] for part in parts]), kind="stable")
+        return np.take(np.concatenate([part[1] for part in parts], axis=axis), order, axis=axis)
+
+    def whole(self) -> tuple[Floats, Integers]:
+        """Points and nodes of all cells on rank 0, of none elsewhere (collective)."""
+        keys, x = self.collect(self.keys[self.nodes]), self.collect(self.points[self.nodes])
+        if keys is None or x is None:
+            return self.points[:0], self.nodes[:0]
+        nodes, first = as_met(keys)
+        return x.reshape(-1, x.shape[-1])[first], nodes
+
+
+def as_met(keys: npt.NDArray[np.int64]) -> tuple[Integers, npt.NDArray[np.int64]]:
+    """Nodes numbered as the cells meet them, shape of `keys`, and where each is met first."""
+    _, first, inverse = np.unique(keys.ravel(), return_index=True, return_inverse=True)
+    position = np.empty(len(first), dtype=np.int64)
+    position[np.argsort(first)] = np.arange(len(first))
+    return position[inverse.ravel()].reshape(keys.shape).astype(np.int32), np.sort(first)
 
 
 def neighbours(cell: Cell, nodes: Integers) -> Integers:
@@ -208,7 +270,7 @@ def node_coordinates(domain: Any, cell: Cell, degree: int) -> Floats:
 
 @dataclass(eq=False)
 class Gathered:
-    """A mesh with its nodes of degree two (sections) or one (lines) on every rank.
+    """A section with its nodes of degree two, whole on every rank.
 
     grid : the grid
     places : (local nodes, 2): cell on this rank and node in it, of the nodes that this rank gives
@@ -225,12 +287,11 @@ class Gathered:
         """That of a mesh (collective)."""
         domain = mesh.mesh
         cell = shapes.cell_of(domain)
-        degree = 2 if domain.topology.dim == 2 else 1
-        space = fem.functionspace(domain, ("Lagrange", degree))
+        space = fem.functionspace(domain, ("Lagrange", 2))
         cells = domain.topology.index_map(domain.topology.dim)
         local = space.dofmap.list[: cells.size_local].astype(np.int64)[:, cell.order]
         keys = space.dofmap.index_map.local_to_global(local.ravel().astype(np.int32))
-        x = node_coordinates(domain, cell, degree)
+        x = node_coordinates(domain, cell, 2)
         original = np.asarray(domain.topology.original_cell_index[: cells.size_local])
         comm = domain.comm
         order = np.concatenate(comm.allgather(original))
@@ -239,14 +300,8 @@ class Gathered:
         ranked = np.argsort(order, kind="stable")
         number = np.empty(len(order), dtype=np.int32)
         number[ranked] = np.arange(len(order), dtype=np.int32)
-        # nodes are numbered as they are met
-        flat = keys_all[ranked].ravel()
-        _, first, inverse = np.unique(flat, return_index=True, return_inverse=True)
-        position = np.empty(len(first), dtype=np.int64)
-        position[np.argsort(first)] = np.arange(len(first))
-        nodes = position[inverse.ravel()].reshape(len(order), -1).astype(np.int32)
-        points = np.empty((len(first), x_all.shape[-1]))
-        points[position] = x_all[ranked].reshape(-1, x_all.shape[-1])[first]
+        nodes, first = as_met(keys_all[ranked])
+        points = x_all[ranked].reshape(-1, x_all.shape[-1])[first]
         start = sum(comm.allgather(cells.size_local)[: comm.rank])
         owned = number[start : start + cells.size_local]
         grid = Grid(
@@ -259,7 +314,7 @@ class Gathered:
         )
         # a node is given by the rank of the first cell that has it
         width = nodes.shape[1]
-        giver, place = np.divmod(first[np.argsort(first)], width)
+        giver, place = np.divmod(first, width)
         mine = np.full(len(order), -1, dtype=np.int64)
         mine[owned] = np.arange(len(owned))
         here = mine[giver] >= 0

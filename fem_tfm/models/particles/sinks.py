@@ -73,7 +73,12 @@ class Sinks:
             self.heat_sums[:] = 0
 
     def reduce(self, comm: MPI.Comm) -> None:
-        """Add up the sums of all ranks, on all ranks (collective)."""
+        """Add up the sums of all ranks that hold all cells (collective).
+
+        Where each rank holds its part of the grid, its sums are whole already.
+        """
+        if self.grid.comm.size > 1:
+            return
         for sums in (self.sums, self.heat_sums):
             if sums is not None:
                 comm.Allreduce(MPI.IN_PLACE, sums, MPI.SUM)

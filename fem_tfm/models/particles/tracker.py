@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 import fem_tfm._kernel as _kernel
 from fem_tfm.closures.base import Closure, law
@@ -22,9 +23,11 @@ from fem_tfm.closures.particles.dispersion import ParticleDispersion
 from fem_tfm.closures.particles.impact import ImpactLaw
 from fem_tfm.errors import InputError
 from fem_tfm.materials import Fluid, Gas, Solids
+from fem_tfm.models.particles import migration
 from fem_tfm.models.particles.cloud import INSIDE, OUT, Parcels
 from fem_tfm.models.particles.encounters import Encounters
 from fem_tfm.models.particles.field import Field
+from fem_tfm.models.particles.migration import Moving
 from fem_tfm.models.particles.sinks import Sinks
 from fem_tfm.parameters import Parameters, parameter
 
@@ -93,19 +96,15 @@ class Impacts:
         self.kernel = _kernel.Impacts()
 
     def arrays(self) -> dict[str, npt.NDArray[Any]]:
-        """All so far by id and step: id, step, index, x, v before, normal out of the flow, time.
-
-        index : of the parcel in its cloud
-        """
+        """All of this rank so far by id and step: id, step, x, v before, normal out, time."""
         rows = self.kernel.sorted()
         return {
             "id": rows[:, 0].astype(np.int64),
             "step": rows[:, 1].astype(np.int64),
-            "index": rows[:, 3].astype(np.int64),
-            "x": rows[:, 4:7],
-            "v": rows[:, 7:10],
-            "normal": rows[:, 10:13],
-            "time": rows[:, 13],
+            "x": rows[:, 3:6],
+            "v": rows[:, 6:9],
+            "normal": rows[:, 9:12],
+            "time": rows[:, 12],
         }
 
 
@@ -180,7 +179,9 @@ class Tracker:
 
         The last step ends there but for a small miss, which stays. With `leave` those that arrive
         are out. With `encounters` particles collide with what it holds, and it is told what they
-        do. `progress` hears the share done, at least once a second.
+        do. `progress` hears the share done, at least once a second. Where other ranks hold parts of
+        the field's grid, all move their parcels at once, and each ends with those in its cells
+        (collective).
 
         Raises
         ------
@@ -195,27 +196,53 @@ class Tracker:
             "until_time": until_time is not None,
             "end": float(end),  # type: ignore[arg-type]
         }
+        sums = ({} if sinks is None else sinks.for_kernel()) | (
+            {} if encounters is None else encounters.for_kernel()
+        )
+        migration.locate(parcels, field.grid)
+        moving, arrived = Moving.of(parcels, field.grid), list[Moving]()
+        totals = np.zeros(4, dtype=np.int64)
+        while True:
+            totals += self._run(moving, field, options, sums, impacts, progress)
+            more = migration.handed_over(moving, field.grid)
+            if more is None:
+                break
+            arrived.append(moving.select(moving.parcels.status != _kernel.AWAY))
+            moving, progress = more, None
+        if arrived:
+            migration.collected([*arrived, moving], parcels)
+        if leave:
+            parcels.status[parcels.status == INSIDE] = OUT
+        return Report(*(int(n) for n in totals))
+
+    def _run(
+        self,
+        moving: Moving,
+        field: Field,
+        options: dict[str, Any],
+        sums: dict[str, Any],
+        impacts: Impacts | None,
+        progress: Callable[[float], None] | None,
+    ) -> npt.NDArray[np.int64]:
+        """Move parcels to the end or out of this rank's cells; the numbers of `Report`."""
         given = (
             field.grid.kernel,
             field.grid.walls.for_kernel(),
             field.for_kernel(),
             options,
-            parcels.arrays(),
-            ({} if sinks is None else sinks.for_kernel())
-            | ({} if encounters is None else encounters.for_kernel()),
+            moving.arrays(),
+            sums,
             None if impacts is None else impacts.kernel,
             self.variant,
             self.threads,
         )
-        chunk, totals = 0, np.zeros(4, dtype=np.int64)
+        chunk, totals, count = 0, np.zeros(4, dtype=np.int64), len(moving.parcels)
         while chunk >= 0:
             chunk, *counts = _kernel.advance(*given, chunk, PATIENCE)
             totals += counts
             if progress is not None and chunk >= 0:
-                progress(min(chunk * _kernel.CHUNK / max(len(parcels), 1), 1.0))
-        if leave:
-            parcels.status[parcels.status == INSIDE] = OUT
-        return Report(*(int(n) for n in totals))
+                progress(min(chunk * _kernel.CHUNK / max(count, 1), 1.0))
+        return totals
 
     # -- numbers of the kernel -----------------------------------------------------------------
 
@@ -260,7 +287,8 @@ class Tracker:
         if not alone:
             sizes = np.array([s.diameter for s in self.materials])[parcels.material]
             moves = parcels.diameter > 0
-            if not np.allclose(parcels.diameter[moves], sizes[moves], rtol=1e-12, atol=0):
+            fit = np.allclose(parcels.diameter[moves], sizes[moves], rtol=1e-12, atol=0)
+            if not field.grid.comm.allreduce(fit, MPI.LAND):
                 words = "a law of the Reynolds number alone for particles of several sizes"
                 raise InputError("particles.drag", self.forces.drag.name, words)
         return tables

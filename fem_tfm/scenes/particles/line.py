@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.models.carrier import LineCarrier
+from fem_tfm.models.particles import migration
 from fem_tfm.models.particles.cloud import INSIDE, OUT, Parcels
 from fem_tfm.models.particles.tracker import Impacts
 from fem_tfm.output.particles.tracked import Moment
@@ -26,56 +27,78 @@ PER_PLACE, LONGEST = 2, 30.0
 
 
 class Crossings:
-    """When and where each parcel of this rank first comes to places along the line.
+    """When and where each parcel first comes to places along the line.
+
+    What is found is kept where it happens; how far a parcel has come goes with it to other ranks.
 
     places : along the axis, ascending [m]
     parcels : of this rank, at the inlet
     """
 
     def __init__(self, places: NDArray[np.float64], parcels: Parcels, mesh: Mesh) -> None:
-        shape = len(places), len(parcels)
         self.places, self.mesh = places, mesh
-        self.time = np.full(shape, np.nan)
-        self.x, self.v = np.full((*shape, 3), np.nan), np.full((*shape, 3), np.nan)
-        self._level = np.zeros(len(parcels), dtype=int)
-        self._before = self._state(parcels)
+        self._found: list[tuple[NDArray[Any], ...]] = []
+        parcels.carried = {"level": np.zeros(len(parcels), dtype=np.int64)}
+        self._stand(parcels)
         self.take(parcels)
 
-    def state(self) -> dict[str, NDArray[Any]]:
-        """Arrays over the parcels of this rank, from which `restore` goes on."""
-        return {"time": self.time.T, "x": self.x.swapaxes(0, 1), "v": self.v.swapaxes(0, 1)}
+    def restore(self, arrays: Mapping[str, NDArray[Any]], parcels: Parcels, first: bool) -> None:
+        """Put back what `whole` gave; the parcels stand where they stood.
 
-    def restore(self, arrays: Mapping[str, NDArray[Any]], parcels: Parcels) -> None:
-        """Put back what `state` gave; the parcels stand where they stood."""
-        self.time = np.ascontiguousarray(arrays["time"].T)
-        self.x, self.v = (np.ascontiguousarray(arrays[n].swapaxes(0, 1)) for n in "xv")
-        self._level = np.isfinite(self.time).sum(axis=0)
-        self._before = self._state(parcels)
+        arrays : time (parcels, places), x and v (parcels, places, 3)
+        first : whether this rank keeps what was found
+        """
+        came = np.isfinite(arrays["time"])
+        parcels.carried = {"level": came.sum(axis=1)[parcels.id]}
+        self._stand(parcels)
+        number, place = np.nonzero(came)
+        parts = (arrays[n][came] for n in ("time", "x", "v"))
+        self._found = [(number, place, *parts)] if first else []
+
+    def _stand(self, parcels: Parcels) -> None:
+        """Remember where the parcels stand."""
+        along, *others = self._state(parcels)
+        parcels.carried |= {"along": along, "before": np.column_stack(others)}
 
     def _state(self, parcels: Parcels) -> tuple[NDArray[np.float64], ...]:
         along = self.mesh.straightened(parcels.x)[:, 2].copy()
         # what is out has passed the last place
         along[parcels.status == OUT] = self.places[-1]
-        return along, parcels.time.copy(), parcels.x.copy(), parcels.v.copy()
+        return along, parcels.time, parcels.x, parcels.v
 
     def take(self, parcels: Parcels) -> None:
         """Enter what was crossed since the last call."""
-        now = self._state(parcels)
+        now, *others = self._state(parcels)
+        after = np.column_stack(others)
+        level, along, before = (parcels.carried[n] for n in ("level", "along", "before"))
         while True:
-            level = np.minimum(self._level, len(self.places) - 1)
-            passed = (self._level < len(self.places)) & (now[0] >= self.places[level])
+            place = np.minimum(level, len(self.places) - 1)
+            passed = (level < len(self.places)) & (now >= self.places[place])
             if not passed.any():
                 break
-            at, numbers = level[passed], np.flatnonzero(passed)
-            step = now[0][passed] - self._before[0][passed]
-            share = (self.places[at] - self._before[0][passed]) / np.where(step > 0, step, 1.0)
-            share = np.clip(np.where(step > 0, share, 1.0), 0.0, 1.0)
-            parts = zip((self.time, self.x, self.v), self._before[1:], now[1:], strict=True)
-            for kept, first, last in parts:
-                s = share if first.ndim == 1 else share[:, None]
-                kept[at, numbers] = (1 - s) * first[passed] + s * last[passed]
-            self._level[passed] += 1
-        self._before = now
+            at, step = place[passed], now[passed] - along[passed]
+            share = (self.places[at] - along[passed]) / np.where(step > 0, step, 1.0)
+            share = np.clip(np.where(step > 0, share, 1.0), 0.0, 1.0)[:, None]
+            rows = (1 - share) * before[passed] + share * after[passed]
+            self._found.append((parcels.id[passed], at, rows[:, 0], rows[:, 1:4], rows[:, 4:]))
+            level[passed] += 1
+        self._stand(parcels)
+
+    def whole(self, comm: Any, count: int) -> dict[str, NDArray[Any]] | None:
+        """All that was found on rank 0, None elsewhere: time (count, places), x, v (collective).
+
+        What never came to a place is nan there.
+        """
+        parts = comm.gather(self._found)
+        if parts is None:
+            return None
+        shape = count, len(self.places)
+        arrays = {"time": np.full(shape, np.nan)}
+        arrays |= {name: np.full((*shape, 3), np.nan) for name in "xv"}
+        for number, place, *values in (found for part in parts for found in part):
+            for array, value in zip(arrays.values(), values, strict=True):
+                array[number, place] = value
+        return arrays
 
 
 def follow_line(scene: Any, carrier: LineCarrier, recorder: Any) -> None:
@@ -115,7 +138,6 @@ class _OnLine(Tracking):
         places = np.linspace(0.0, scene.geometry.length, scene.particles.stations + 1)
         self.crossings = Crossings(places, self.parcels, self.carrier.mesh)
         self.impacts = None if self.wear is None else Impacts()
-        self._released = self.parcels.time.copy()
         self.worn: Any = np.zeros((len(places) - 1, 1, 1))
 
     def pass_through(self, progress: Any) -> str:
@@ -157,14 +179,11 @@ class _OnLine(Tracking):
     def tell(self) -> None:
         """What was found at every place (collective)."""
         whole = self.parcels.gather(self.comm)
-        released = self.crossings.time - self._released, *self._arrays()[1:]
-        parts = self.comm.gather((self.parcels.id, *released))
-        found = None
-        if parts is not None and whole is not None:
-            order = np.argsort(np.concatenate([part[0] for part in parts]), kind="stable")
-            arrays = [np.concatenate([p[n] for p in parts], axis=1)[:, order] for n in (1, 2, 3)]
-            found = whole.status, whole.x, arrays
-        status, last, (time, x, v) = self.comm.bcast(found)
+        found = self.crossings.whole(self.comm, len(self.released))
+        told = None if whole is None else (whole.status, whole.x, found)
+        status, last, arrays = self.comm.bcast(told)
+        time, x, v = (arrays[name].swapaxes(0, 1) for name in ("time", "x", "v"))
+        time = time - self.released
         mesh = self.carrier.mesh
         for n, z in enumerate(self.crossings.places):
             inside = np.isfinite(time[n])
@@ -180,15 +199,12 @@ class _OnLine(Tracking):
             for z, sums in zip(self.crossings.places[1:], self.worn, strict=True):
                 self.wear.add(float(z), self.comm.allreduce(sums))
 
-    def _arrays(self) -> tuple[NDArray[np.float64], ...]:
-        return self.crossings.time, self.crossings.x, self.crossings.v
-
     def book(self) -> None:
         """Add the impacts so far to the sums of the stretches between two places."""
         if self.impacts is None:
             return
         hits, speed, angle, removed = self.hits(self.impacts)
-        x, rate = self.carrier.mesh.straightened(hits["x"]), self.parcels.rate[hits["index"]]
+        x, rate = self.carrier.mesh.straightened(hits["x"]), self.tracked.rate[hits["id"]]
         places = self.crossings.places
         stretch = np.clip(np.searchsorted(places, x[:, 2]) - 1, 0, len(places) - 2)
         parts = (x, speed, angle, rate, removed)
@@ -208,7 +224,6 @@ class Along(_OnLine):
 
     def __init__(self, scene: Any, carrier: LineCarrier, comm: Any) -> None:
         super().__init__(scene, carrier, comm)
-        self._released = self.parcels.time.copy()
         carrier.update()
 
     def step(self, start: float, end: float) -> None:
@@ -220,17 +235,13 @@ class Along(_OnLine):
     def state(self) -> dict[str, NDArray[Any]]:
         """Whole arrays over all parcels, from which `restore` goes on (collective)."""
         self.book()
-        whole = self.parcels.gather(self.comm)
-        parts = self.comm.gather((self.parcels.id, self.crossings.state()))
+        whole = migration.numbered(self.parcels, self.carrier.grid).gather(self.comm)
+        crossings = self.crossings.whole(self.comm, len(self.released))
         worn = np.asarray(self.comm.allreduce(np.asarray(self.worn)))
-        if whole is None or parts is None:
+        if whole is None or crossings is None:
             return {}
-        order = np.argsort(np.concatenate([part[0] for part in parts]), kind="stable")
         found = {f"parcels.{n}": v for n, v in whole.arrays().items()}
-        for name in parts[0][1]:
-            array = np.concatenate([part[1][name] for part in parts])[order]
-            found[f"crossings.{name}"] = array
-        return found | {"worn": worn}
+        return found | {f"crossings.{n}": v for n, v in crossings.items()} | {"worn": worn}
 
     def restore(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         """Put back what `state` gave."""
@@ -238,10 +249,9 @@ class Along(_OnLine):
         def part(stem: str) -> dict[str, NDArray[Any]]:
             return {n.removeprefix(stem): v for n, v in arrays.items() if n.startswith(stem)}
 
-        whole = Parcels.from_arrays(part("parcels."))
-        mine = whole.id % self.comm.size == self.comm.rank
-        self.parcels = whole.share(self.comm)
-        self.crossings.restore({n: v[mine] for n, v in part("crossings.").items()}, self.parcels)
-        if self.comm.rank == 0:
+        first, whole = self.comm.rank == 0, Parcels.from_arrays(part("parcels."))
+        self.parcels = migration.shared(whole, self.carrier.grid)
+        self.crossings.restore(part("crossings."), self.parcels, first)
+        if first:
             self.worn = arrays["worn"]
         self.carrier.update()

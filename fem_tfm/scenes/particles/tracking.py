@@ -59,9 +59,9 @@ def carrier_of(scene: Any, section: Any, heat: GasHeat | None = None) -> Carrier
 
 
 def lattice_of(grid: Grid) -> Lattice:
-    """The cells of a grid as files know them."""
-    corners = grid.cell.vertices
-    return Lattice(grid.points, grid.nodes[:, corners], grid.folds)
+    """The cells of a grid as files know them, on the rank that writes (collective)."""
+    points, nodes = grid.whole()
+    return Lattice(points, nodes[:, grid.cell.vertices], grid.folds)
 
 
 def release_times(scene: Any, number: int, count: int) -> Floats:
@@ -100,11 +100,12 @@ def entering(scene: Any) -> tuple[Parcels, NDArray[np.int32]]:
 
 
 class Tracking:
-    """The parcels of a scene, dealt out to the ranks.
+    """The parcels of a scene, dealt out to the ranks, which hand them over as they move.
 
     Attributes
     ----------
     tracked : what is told of them, the same on every rank
+    released : when each enters, by id [s]
     """
 
     def __init__(self, scene: Any, carrier: Carrier, comm: MPI.Comm) -> None:
@@ -120,7 +121,7 @@ class Tracking:
             heat_capacity=[one.heat_capacity for one in cloud.materials],
         )
         whole, entry = entering(scene)
-        self.parcels = whole.share(comm)
+        self.parcels, self.released = whole.share(comm), whole.time
         per_material = max(len(whole) // len(cloud.materials), 1)
         wanted = min(cloud.traced, per_material)
         places = np.linspace(0, per_material - 1, wanted, dtype=np.int64)
@@ -212,26 +213,29 @@ class Tracking:
         if met.law is not None:
             self.tracked.meet(met.collisions, met.residence, self._change)
         if self.tracked.lattice is not None:
-            self.tracked.lattice.take(start, end, met.fields)
+            fields = self.carrier.grid.collect(met.fields, axis=1)
+            if fields is not None:
+                self.tracked.lattice.take(start, end, fields)
 
     def _enter_impacts(self, end: float) -> None:
         """Put the impacts of the last stretch on the map of wear (collective)."""
         assert self.impacts is not None and self.wear is not None
         hits, speed, angle, removed = self.hits(self.impacts)
-        rate = self.parcels.rate[hits["index"]]
+        rate = self.tracked.rate[hits["id"]]
         sums = WearMap.summed(hits["x"], speed, angle, rate, removed)
         self.wear.add(end, self.comm.allreduce(sums))
         self.impacts = None
 
     def hits(self, impacts: Impacts) -> tuple[dict[str, NDArray[Any]], Floats, Floats, Floats]:
         """Impacts, their speeds [m/s], angles to the wall [rad] and what each removes [kg]."""
-        hits, own = impacts.arrays(), self.parcels
-        at, v = hits["index"], hits["v"]
+        hits, all_of_them = impacts.arrays(), self.tracked
+        number, v = hits["id"], hits["v"]
         speed = np.linalg.norm(v, axis=1)
         across = np.abs((v * hits["normal"]).sum(axis=1))
         angle = np.arcsin(np.clip(across / np.maximum(speed, 1e-30), 0.0, 1.0))
         law = self.scene.particles.wear
-        return hits, speed, angle, law.removed(speed, angle, own.mass[at], own.diameter[at])
+        mass, diameter = all_of_them.mass[number], all_of_them.diameter[number]
+        return hits, speed, angle, law.removed(speed, angle, mass, diameter)
 
     def leave(self) -> None:
         """What is inside has come to the end of the line and is out."""
