@@ -19,10 +19,12 @@ import numpy as np
 import ufl
 
 from fem_tfm.closures.drag import Drag
+from fem_tfm.closures.free_path import FreePath
 from fem_tfm.closures.friction import Friction
 from fem_tfm.closures.granular import Granular, Kinetic, algebraic_theta
 from fem_tfm.closures.ops import Value, is_expr, maximum, minimum, sqrt
 from fem_tfm.closures.radial import Radial
+from fem_tfm.closures.slip_production import SlipProduction
 from fem_tfm.closures.turbulence.dispersed import Dispersed, GasEddies, Grains
 from fem_tfm.closures.turbulence.dispersion import Dispersion
 from fem_tfm.closures.turbulence.gas import Balance, Eddies, Turbulence, realizable_slope
@@ -45,7 +47,10 @@ SLIP_STEP = 1e-3
 
 
 class ClosureSet(Protocol):
-    """One closure of each family; `theta` is "transport" or "algebraic"."""
+    """One closure of each family.
+
+    `theta` is "transport" or "algebraic", `pressure_force` "full" or "alpha".
+    """
 
     @property
     def drag(self) -> Drag: ...
@@ -69,6 +74,12 @@ class ClosureSet(Protocol):
     def theta(self) -> str: ...
     @property
     def friction_feeds_theta(self) -> bool: ...
+    @property
+    def pressure_force(self) -> str: ...
+    @property
+    def slip_production(self) -> SlipProduction: ...
+    @property
+    def free_path(self) -> FreePath: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -222,9 +233,9 @@ class SolidsCoefficients:
 class GranularEnergy(NamedTuple):
     """Sources of 3/2 a rho_s Theta: production - compression - decay Theta.
 
-    production : work of the viscous stress [W/m3]
+    production : work of the viscous stress, and of the slip but for its fall with Theta [W/m3]
     compression : p D [W/m3]
-    decay : gamma/Theta + 3 beta [kg/m3/s]
+    decay : gamma/Theta + 3 beta, and the fall of the production by slip with Theta [kg/m3/s]
     """
 
     production: Any
@@ -275,10 +286,19 @@ class Pointwise:
 
     # -- solids --------------------------------------------------------------------------------
 
-    def kinetic(self, alpha: Value, theta: Value) -> tuple[Value, Kinetic]:
-        """g0 and the coefficients of the kinetic theory, faded in voids."""
+    @property
+    def needs_drag(self) -> bool:
+        """Whether the drag limits the coefficients of the kinetic theory."""
+        return not self.closures.free_path.absent
+
+    def kinetic(self, alpha: Value, theta: Value, beta: Value) -> tuple[Value, Kinetic]:
+        """g0 and the coefficients of the kinetic theory, faded in voids.
+
+        beta : drag coefficient [kg/m3/s], which counts where `needs_drag`
+        """
         g0 = self.closures.radial.g0(alpha, self.grain)
         found = self.closures.granular.coefficients(alpha, theta, g0, self.grain, self.diameter)
+        found = self.closures.free_path.limited(found, alpha, theta, g0, beta, self.grain)
         square = alpha * alpha
         # by the square of a: less diffuses through a void than moves there, for fewer iterations
         fade = square / (square + self.regularisation.void_fraction**2)
@@ -287,10 +307,13 @@ class Pointwise:
         )
 
     def coefficients(
-        self, alpha: Value, theta: Value, square: Value, dilation: Value
+        self, alpha: Value, theta: Value, square: Value, dilation: Value, beta: Value
     ) -> SolidsCoefficients:
-        """Coefficients of kinetic theory and friction at S:S [1/s2] and D [1/s]."""
-        g0, kinetic = self.kinetic(alpha, theta)
+        """Coefficients of kinetic theory and friction at S:S [1/s2] and D [1/s].
+
+        beta : as for `kinetic`
+        """
+        g0, kinetic = self.kinetic(alpha, theta, beta)
         friction = self.closures.friction.stress(alpha, theta, square, dilation, self.grain)
         cap = self.regularisation.max_frictional_viscosity
         p_f, mu_f = (_filled(value, alpha) for value in friction)
@@ -303,16 +326,45 @@ class Pointwise:
         friction = self.closures.friction.stress(alpha, theta, square, dilation, self.grain)
         return kinetic + friction.pressure
 
+    @property
+    def feels_theta(self) -> bool:
+        """Whether (dp/dTheta) grad(Theta) of the kinetic pressure exerts a force."""
+        return self.closures.pressure_force == "full"
+
+    def pressure_per_theta(self, alpha: Value, theta: Value) -> Value:
+        """dp/dTheta = p/Theta of the kinetic pressure, which is linear in Theta [kg/m3]."""
+        g0 = self.closures.radial.g0(alpha, self.grain)
+        return self.closures.granular.pressure(alpha, theta, g0, self.grain) / theta
+
     def granular_energy(
-        self, at: SolidsCoefficients, theta: Value, square: Value, dilation: Value, beta: Value
+        self,
+        at: SolidsCoefficients,
+        alpha: Value,
+        theta: Value,
+        square: Value,
+        dilation: Value,
+        beta: Value,
+        slip: Value,
     ) -> GranularEnergy:
-        """Sources of the granular energy; frictional work counts if the closures want it."""
-        k = at.kinetic
+        """Sources of the granular energy; frictional work counts if the closures want it.
+
+        slip : u_g - u_s, a UFL vector or an array (cells, 3) [m/s]
+
+        The production by slip is linear in Theta, P - dP/dTheta (Theta_new - Theta): with all of it
+        in the source Theta would alternate from step to step.
+        """
+        k, law = at.kinetic, self.closures.slip_production
         viscosity = at.viscosity if self.closures.friction_feeds_theta else k.shear_viscosity
-        return GranularEnergy(
+        found = GranularEnergy(
             production=2 * viscosity * square + k.bulk_viscosity * dilation**2,
             compression=k.pressure * dilation,
             decay=k.dissipation / theta + 3 * beta,
+        )
+        if law.absent:
+            return found
+        power, fall = law.production(alpha, theta, beta, dot(slip, slip), self.grain)
+        return found._replace(
+            production=found.production + power + fall * theta, decay=found.decay + fall
         )
 
     def algebraic_theta(

@@ -35,6 +35,7 @@ QUANTITIES = {
     "drop_solids_friction": "Pa",
     "drop_lift": "Pa",
     "drop_acceleration": "Pa",
+    "drop_omitted_pressure": "Pa",
     "solids_mass_flow": "kg/s",
     "gas_mass_flow": "kg/s",
     "holdup": "-",

@@ -21,6 +21,7 @@ PARTS = {
     "drop_solids_friction": ("friction of the solids", "#c2571a"),
     "drop_lift": ("lift of both phases", "#6b4c1e"),
     "drop_acceleration": ("acceleration", "#2c7a4b"),
+    "drop_omitted_pressure": ("solids pressure left out", "#8a3a7a"),
 }
 DPI = 160
 

@@ -280,6 +280,10 @@ def skipped_laws(model: TwoFluid) -> list[str]:
             left_out.append("transport of granular temperature: closures.theta = algebraic")
         if laws.friction.name == "none":
             left_out.append("frictional stress: closures.friction = none")
+        if laws.pressure_force == "alpha":
+            left_out.append(
+                "force of the solids pressure by grad(Theta): closures.pressure_force = alpha"
+            )
         if laws.dispersed.name == "none":
             left_out.append("turbulence of the solids: closures.dispersed = none")
         if laws.dispersion.name == "none":

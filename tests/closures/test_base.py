@@ -32,6 +32,8 @@ EXPECTED = {
     "turbulence": "laminar mixing-length k-epsilon realizable",
     "dispersed": "none simonin k-epsilon",
     "dispersion": "none burns simonin",
+    "slip-production": "none koch",
+    "free-path": "none agrawal",
     "particle-dispersion": "none langevin eddies",
     "impact": "elastic restitution stick",
 }

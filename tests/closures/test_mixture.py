@@ -47,13 +47,17 @@ def test_the_closed_form_is_the_integral(loading: float, time: float) -> None:
     assert traction == pytest.approx(quadrature(15.0, loading, time, 0.4) ** 2, rel=0.005)
 
 
-def test_tracers_are_a_heavier_gas_and_stones_are_not_there() -> None:
-    """tau_F -> 0: the law of a gas of the mixture's density; tau_F -> infinity: that of the gas."""
-    law, gas, loading = make("gas-wall", "log-law"), Gas(density=1.2, viscosity=1.8e-5), 3.0
-    state = GasWallState(9.0, HEIGHT, gas)
+@pytest.mark.parametrize(("name", "k"), [("log-law", None), ("log-law-k", 1.2), ("log-law-k", 0.7)])
+def test_tracers_are_a_heavier_gas_and_stones_are_not_there(name: str, k: float | None) -> None:
+    """tau_F -> 0: the law of a gas of the mixture's density; tau_F -> infinity: that of the gas.
+
+    With k = 0.7 m2/s2 the gas alone is at y+ = 15, where the blend with the viscous limit counts.
+    """
+    law, gas, loading = make("gas-wall", name), Gas(density=1.2, viscosity=1.8e-5), 3.0
+    state = GasWallState(9.0, HEIGHT, gas, k)
     alone = law.coefficient(state)
     on_gas, on_solids = shared_friction(alone, state, law, Followers(loading, 1e-12, 0.0, 0.45))
-    heavy = GasWallState(9.0, HEIGHT, Gas(density=4 * 1.2, viscosity=1.8e-5))
+    heavy = GasWallState(9.0, HEIGHT, Gas(density=4 * 1.2, viscosity=1.8e-5), k)
     assert on_gas + loading * on_solids == pytest.approx(law.coefficient(heavy), rel=0.02)
     viscous = gas.viscosity / HEIGHT
     assert on_solids == pytest.approx(on_gas - viscous, rel=1e-6)

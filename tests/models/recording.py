@@ -62,10 +62,14 @@ FLOWS: dict[str, dict[str, Any]] = {
     "mixing length": {"numerics.order": 0},
     "mixing length, blocked outlet": {
         "numerics.order": 1,
+        "closures.slip_production": "koch",
         "walls.solids": {"model": "johnson-jackson", "restitution": 0.5},
     },
     "four equations": {
         "numerics.order": 1,
+        "closures.pressure_force": "alpha",
+        "closures.slip_production": "koch",
+        "closures.free_path": "agrawal",
         "closures.turbulence": "realizable",
         "closures.dispersed": {"model": "k-epsilon", "normal_stress": 1.0},
         "closures.dispersion": "burns",

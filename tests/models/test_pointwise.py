@@ -20,7 +20,15 @@ from fem_tfm.models.pointwise import SLIP_STEP, Invariants, Pointwise, Regularis
 COUNT = 200
 GAS = ft.Gas(density=33.5, viscosity=1.8e-5)
 COAL = ft.Solids(density=1700.0, diameter=1.6e-4, restitution=0.7)
-FAMILIES = ("drag", "radial", "granular", "friction", "solids-wall")
+FAMILIES = (
+    "drag",
+    "radial",
+    "granular",
+    "friction",
+    "solids-wall",
+    "slip-production",
+    "free-path",
+)
 # tables of laws whose defaults leave a term out
 FULL: dict[str, Any] = {"k-epsilon": {"model": "k-epsilon", "normal_stress": 1.0}}
 
@@ -100,10 +108,12 @@ def quantities(point: Pointwise, at: dict[str, Any]) -> dict[str, Any]:
     gas, solids = Invariants(at["L"]), Invariants(at["L_s"])
     dilation = at["dilation"]
     alpha, theta, height = at["alpha"], at["theta"], at["height"]
-    coefficients = point.coefficients(alpha, theta, solids.square, dilation)
     speed = point.speed(at["slip"])
     beta, growth = point.drag_and_growth(alpha, speed, height)
-    energy = point.granular_energy(coefficients, theta, solids.square, dilation, beta)
+    coefficients = point.coefficients(alpha, theta, solids.square, dilation, beta)
+    energy = point.granular_energy(
+        coefficients, alpha, theta, solids.square, dilation, beta, at["slip"]
+    )
     wall = point.wall_state(alpha, theta, coefficients, at["slip"])
     found = {
         "S:S": gas.square,
@@ -115,6 +125,7 @@ def quantities(point: Pointwise, at: dict[str, Any]) -> dict[str, Any]:
         "p_s": point.solids_pressure(alpha, theta, solids.square, dilation),
         "beta": beta,
         "growth": growth,
+        "p/theta": point.pressure_per_theta(alpha, theta),
         "theta": point.algebraic_theta(alpha, coefficients.g0, solids.square, beta),
         "wall friction": point.solids_wall_friction(wall),
         "wall heat": point.solids_wall_heat(wall),
@@ -179,3 +190,24 @@ def test_every_law_stands_in_a_set() -> None:
     for family in (*FAMILIES, "turbulence", "dispersed", "dispersion", "gas-wall"):
         found = {getattr(laws, family.replace("-", "_")).name for laws in chosen}
         assert found == set(names(family)), family
+
+
+def test_options_that_are_off_leave_every_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without them no law is asked, and the coefficients are those of the kinetic theory."""
+    point, at = pointwise({}), random_states()
+
+    def asked(*args: Any) -> None:
+        raise AssertionError("a law that is off is asked")
+
+    monkeypatch.setattr(type(point.closures.slip_production), "production", asked)
+    alpha, theta, square = at["alpha"], at["theta"], at["k"]
+    beta = point.drag(alpha, point.speed(at["slip"]), at["height"])
+    found = point.coefficients(alpha, theta, square, 0 * theta, beta)
+    still = point.coefficients(alpha, theta, square, 0 * theta, None)
+    for name, value in found.kinetic._asdict().items():
+        assert np.array_equal(value, getattr(still.kinetic, name)), name
+    energy = point.granular_energy(found, alpha, theta, square, 0 * theta, beta, at["slip"])
+    k = found.kinetic
+    assert np.array_equal(energy.production, 2 * k.shear_viscosity * square)
+    assert np.array_equal(energy.decay, k.dissipation / theta + 3 * beta)
+    assert point.feels_theta and not point.needs_drag

@@ -36,7 +36,7 @@ def states(law: str, number: int = 4000) -> tuple[Pointwise, WallState, Values, 
     alpha, speed = spread(-3, -0.25), spread(-2, 1)
     # grains much colder than their slip are found at no wall
     theta = spread(-3, 0.5) * speed**2
-    at = point.coefficients(alpha, theta, spread(2, 6), np.zeros(number))
+    at = point.coefficients(alpha, theta, spread(2, 6), np.zeros(number), None)
     velocity = np.stack([speed, 0 * speed, 0 * speed], axis=1)
     centre, height = point.wall_state(alpha, theta, at, velocity), spread(-4, -3)
     return point, centre, at.viscosity / height, at.kinetic.conductivity / height

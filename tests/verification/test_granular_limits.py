@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Closed forms of kinetic theory, found by the forms: simple shear and homogeneous cooling."""
+"""Closed forms of kinetic theory, found by the forms: shear, cooling, agitation by the gas."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import problems
@@ -13,6 +14,7 @@ import pytest
 import ufl
 from dolfinx import fem
 from dolfinx.mesh import CellType
+from scipy.optimize import brentq
 
 from fem_tfm.closures import make
 from fem_tfm.fenics import compile_form
@@ -45,9 +47,10 @@ class Cell:
     Parameters
     ----------
     theta : "transport" or "algebraic"
+    others : laws beside those
     """
 
-    def __init__(self, theta: str) -> None:
+    def __init__(self, theta: str, **others: Any) -> None:
         mesh, domain = problems.square(2, 5, CellType.triangle)
         laws = replace(
             setup_of(problems.demo().scene).model,
@@ -55,6 +58,7 @@ class Cell:
             friction=make("friction", "none"),
             solids_wall=make("solids-wall", "free-slip"),
             theta=theta,
+            **others,
         )
         self.numerics = problems.plain_numerics(
             alpha_diffusion=0.0, theta_floor=0.0, void_fraction=0.0
@@ -70,12 +74,13 @@ class Cell:
             domain,
         )
         self.solids = model.solids
-        self.rate, self.q, self.idt, rest = (fem.Constant(mesh, 0.0) for _ in range(4))
+        self.rate, self.q, self.idt, self.slip, rest = (fem.Constant(mesh, 0.0) for _ in range(5))
         space = fem.functionspace(mesh, ("Lagrange", 2))
         self.c, self.old = fem.Function(space), fem.Function(space)
         y = ufl.SpatialCoordinate(mesh)[1]
         velocity = ufl.as_vector((rest, rest, self.rate * y))
-        now, old = (State(velocity, rest, velocity, self.q, t) for t in (self.c, self.old))
+        gas = ufl.as_vector((rest, rest, self.rate * y + self.slip))
+        now, old = (State(gas, rest, velocity, self.q, t) for t in (self.c, self.old))
         test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
         form = model.granular_energy(now, old, test, self.idt)
         self.newton = BorderedNewton(
@@ -196,3 +201,97 @@ def test_elastic_grains_do_not_cool() -> None:
     """e = 1 keeps Theta."""
     cell().prescribe(1.0, 0.3, 0.0)
     assert cooled(1.0, 3) == pytest.approx(THETA_0, rel=1e-12)
+
+
+# beta/alpha_s [kg/m3/s] and slip [m/s] of grains at rest in a gas
+SPECIFIC, SLIP = 5e4, 3.0
+
+
+def agitated(e: float, alpha: float) -> float:
+    """Theta where Koch's production equals the dissipation by collisions and drag [m2/s2]."""
+    density, beta = 2500.0, alpha * SPECIFIC
+    collisions = (
+        12 * (1 - e**2) * radial(alpha) * density * alpha**2 / (DIAMETER * math.sqrt(math.pi))
+    )
+
+    def surplus(log: float) -> float:
+        theta = math.exp(log)
+        made = 0.25 * beta**2 * DIAMETER * SLIP**2 / (alpha * density * math.sqrt(math.pi * theta))
+        return made - collisions * theta**1.5 - 3 * beta * theta
+
+    return math.exp(brentq(surplus, -20.0, 5.0))
+
+
+@cache
+def suspended() -> Cell:
+    """Grains that only the slip agitates."""
+    drag, law = make("drag", {"model": "constant", "value": SPECIFIC}), "koch"
+    return Cell("transport", drag=drag, slip_production=make("slip-production", law))
+
+
+@pytest.mark.parametrize("start", [1e-9, 1e-3, 1.0])
+@pytest.mark.parametrize(("e", "alpha"), [(1.0, 0.01), (0.9, 0.01), (0.8, 0.3)])
+def test_slip_agitates_a_suspension_at_rest(e: float, alpha: float, start: float) -> None:
+    """Production = dissipation, from next to no fluctuation and from a strong one.
+
+    Elastic grains have Theta^1.5 = v u^2/3, v = d/(4 sqrt(pi) tau); the regularisation v^2 takes
+    v^2/(3 Theta) of it.
+    """
+    found = suspended()
+    found.prescribe(e, alpha, 0.0)
+    found.slip.value, found.c.x.array[:] = SLIP, math.sqrt(start)
+    control = PseudoTimeControl(first=1e-2, smallest=1e-8, largest=1e8)
+    PseudoTime(found.newton, found.old, found.idt, control).run()
+    theta, speed = found.c.x.array**2, DIAMETER * SPECIFIC / 2500.0 / (4 * math.sqrt(math.pi))
+    wanted = agitated(e, alpha)
+    if e == 1:
+        assert wanted == pytest.approx((speed * SLIP**2 / 3) ** (2 / 3), rel=1e-9)
+    assert np.ptp(theta) < 1e-9 * wanted
+    assert theta[0] == pytest.approx(wanted, rel=0.5 * speed**2 / wanted)
+    assert theta[0] < wanted
+
+
+@pytest.mark.parametrize("force", ["full", "alpha"])
+def test_the_force_of_the_solids_pressure(force: str) -> None:
+    """-grad(p_s), or -(dp/dalpha) grad(alpha): none in a uniform fraction with a hot side."""
+    mesh, domain = problems.square(3, 5, CellType.triangle)
+    laws = replace(
+        setup_of(problems.demo().scene).model,
+        friction=make("friction", "none"),
+        solids_wall=make("solids-wall", "free-slip"),
+        pressure_force=force,
+    )
+    material = Solids(2500.0, DIAMETER)
+    model = TwoFluidForms(
+        problems.constants(mesh, Gas(1.2, 1.8e-5)),
+        problems.constants(mesh, material),
+        problems.constants(mesh, laws),
+        fem.Constant(mesh, np.zeros(3)),
+        problems.constants(mesh, problems.plain_numerics(alpha_diffusion=0.0, theta_floor=0.0)),
+        DevelopedAxis(),
+        domain,
+    )
+    rest, crowd = fem.Constant(mesh, 0.0), fem.Constant(mesh, 0.0)
+    x, still = ufl.SpatialCoordinate(mesh), ufl.as_vector((rest, rest, rest))
+    now = State(still, rest, still, crowd * x[0] - 1, 0.1 + 0.2 * x[0])
+    space = fem.functionspace(mesh, ("Lagrange", 2, (3,)))
+    v = ufl.TestFunction(space)
+    momentum = compile_form(model.solids_momentum(now, now, v, rest, rest))
+    solid = model.solid(now)
+    per_theta = 1 + 2 * (1 + material.restitution) * solid.alpha * solid.g0
+    per_theta = solid.alpha * material.density * per_theta
+    slopes = [solid.theta * per_theta.dx(0), per_theta * solid.theta.dx(0)]
+    by_alpha, by_theta = (compile_form(slope * v[0] * domain.dx) for slope in slopes)
+    # the left side is no wall
+    open_sides = fem.locate_dofs_geometrical(space, lambda x: np.isclose(x[0], 0.0))
+    inside = np.ones((space.dofmap.index_map.size_local, 3), dtype=bool)
+    inside[open_sides] = False
+    for value in (0.0, 0.3):
+        crowd.value = value
+        found, share, rest_of_it = (
+            fem.assemble_vector(form).array[inside.ravel()]
+            for form in (momentum, by_alpha, by_theta)
+        )
+        wanted = share + rest_of_it if force == "full" else share
+        assert np.abs(share).max() >= 0.1 * value * np.abs(rest_of_it).max()
+        assert found == pytest.approx(wanted, abs=1e-3 * np.abs(rest_of_it).max())

@@ -43,7 +43,10 @@ FAMILIES = {
     "granular": "closures.granular",
     "solids-wall": "walls.solids",
     "gas-wall": "walls.gas",
+    "slip-production": "closures.slip_production",
+    "free-path": "closures.free_path",
 }
+FORCES = "full", "alpha"
 
 
 def _every_law() -> list[Any]:
@@ -57,6 +60,7 @@ def _every_law() -> list[Any]:
         label = "+".join(chosen.values())
         friction = MILD.get(chosen["closures.friction"], chosen["closures.friction"])
         changes = {**chosen, "closures.friction": friction, FEEDS: i % 2 == 0}
+        changes["closures.pressure_force"] = FORCES[i // 2 % 2]
         cases.append(pytest.param(changes, id=label))
     return cases
 

@@ -51,12 +51,28 @@ def gradient(**changes: Any) -> float:
 
 
 REALIZABLE = {"closures__turbulence": "realizable"}
+BY_ENERGY = {**REALIZABLE, "walls__gas": "log-law-k"}
 
 
-@pytest.mark.parametrize("changes", [{}, pytest.param(REALIZABLE, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        pytest.param(REALIZABLE, marks=pytest.mark.slow),
+        pytest.param(BY_ENERGY, marks=pytest.mark.slow),
+    ],
+)
 def test_a_micrometre_makes_a_heavier_gas(changes: dict[str, Any]) -> None:
     alone = gradient(solids=None, operation__solids_mass_flow=None, gas__density=MIXTURE, **changes)
     assert gradient(**changes) == pytest.approx(alone, rel=0.03)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("changes", [REALIZABLE, BY_ENERGY])
+def test_tracers_are_the_mixture(changes: dict[str, Any]) -> None:
+    """0.1 um: tau_F u_tau^2/nu = 0.01, and nothing is left of the lag."""
+    alone = gradient(solids=None, operation__solids_mass_flow=None, gas__density=MIXTURE, **changes)
+    assert gradient(solids__diameter=1e-7, **changes) == pytest.approx(alone, rel=0.002)
 
 
 @pytest.mark.parametrize("diameter", [1.6e-4, pytest.param(3.2e-4, marks=pytest.mark.slow)])

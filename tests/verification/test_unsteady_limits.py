@@ -150,7 +150,7 @@ def test_grains_that_spread_along_a_side_are_not_drawn_to_it() -> None:
     u_s[:, 2] = rate * found.cells.centre[:, 2]
     u_g[:, 2] = 1.0 - alpha / (1 - alpha) * u_s[:, 2]
     found.set_velocities(u_s, u_g)
-    kinetic = found.laws.kinetic(found.now.alpha, found.now.theta)[1]
+    kinetic = found.laws.kinetic(found.now.alpha, found.now.theta, None)[1]
     stress = rate * (kinetic.bulk_viscosity - 2 / 3 * kinetic.shear_viscosity)
     found.advance(dt, Inflow(1.0, alpha, 1e-6))
     pulled = np.abs(stress).max() * dt / (alpha * GRAINS["density"] * 0.01 / 4)
@@ -336,6 +336,56 @@ def test_cooling_is_of_second_order_in_time() -> None:
     assert fine < 0.003
 
 
+@pytest.mark.parametrize("force", ["full", "alpha"])
+def test_a_hot_end_drives_grains_by_the_whole_pressure_alone(force: str, order: int) -> None:
+    """du_s/dt = -(p/Theta)/(alpha rho_s) dTheta/dz in a uniform fraction, or nothing."""
+    alpha, slope, dt = 0.3, 5.0, 1e-6
+    changes = {**VACUUM, "closures.pressure_force": force}
+    found = flow(box((0.01, 0.01, 0.1), (1, 1, 10), "ssssss"), changes, order=order)
+    z = found.cells.centre[:, 2]
+    found.initialise(alpha, 0.5 + slope * z)
+    for _ in range(3):
+        found.advance(dt, Inflow(0.0))
+    per_theta = found.laws.pressure_per_theta(found.now.alpha, found.now.theta)
+    wanted = -per_theta / (alpha * GRAINS["density"]) * slope * 3 * dt
+    inside = abs(z - 0.05) < 0.03
+    if force == "alpha":
+        assert np.abs(found.now.u_s).max() < 1e-3 * np.abs(wanted).max()
+    else:
+        assert found.now.u_s[inside, 2] == pytest.approx(wanted[inside], rel=0.01)
+
+
+@pytest.mark.parametrize("start", [1e-12, 1.0])
+@pytest.mark.parametrize(("e", "alpha"), [(1.0, 0.01), (0.8, 0.3)])
+def test_slip_agitates_grains_to_the_balance_at_a_point(
+    e: float, alpha: float, start: float
+) -> None:
+    """Production = dissipation after a few steps longer than Theta lives, from either side."""
+    slip, changes = 3.0, {"solids.restitution": e, "closures.slip_production": "koch"}
+    found = flow(box((0.01, 0.01, 0.01), (2, 2, 2), "ssssss"), changes)
+    found.initialise(alpha, start)
+    u_s = np.zeros_like(found.now.u_s)
+    u_g = u_s + np.array([0.0, 0.0, slip])
+    still, rest = np.zeros(found.cells.face_count), np.zeros(found.cells.count)
+    beta = rest + drag_of(found, alpha, slip)
+    for _ in range(30):
+        moving = replace(found.now, u_s=u_s, u_g=u_g)
+        solids = SolidsTransport(moving.alpha, still, still, rest, rest, rest)
+        step = Step(implicit_euler(found.line, moving, 1.0), 1.0, Inflow(0.0), moving, beta)
+        step = replace(step, solids=solids, deformation=found.deformation(moving))
+        theta, _ = found.temperature.solve(step)
+        found.now = replace(found.now, theta=theta)
+    laws, at = found.laws, (found.now.alpha, found.now.theta)
+    energy = laws.granular_energy(
+        laws.coefficients(*at, rest, rest, beta), *at, rest, rest, beta, u_g - u_s
+    )
+    assert energy.production == pytest.approx(energy.decay * found.now.theta, rel=1e-5)
+    gamma = laws.kinetic(*at, beta)[1].dissipation
+    power = laws.closures.slip_production.production(*at, beta, slip**2, found.solids).power
+    assert power == pytest.approx(gamma + 3 * beta * found.now.theta, rel=1e-5)
+    assert found.now.theta.min() > 1e-4
+
+
 @pytest.mark.parametrize(
     ("e", "alpha", "wanted"), [(0.8, 0.3, 0.6598), (0.9, 0.5, 0.9261), (0.95, 0.1, 13.56)]
 )
@@ -401,7 +451,7 @@ def test_walls_slow_grains_as_their_law_says(law: str) -> None:
     now, laws, edge = found.now, found.laws, found.cells.first[found.line.wall]
     rates, rest = found.deformation(now), np.zeros(found.cells.count)
     slip = tangential(now.u_s[edge], found.line.normal[found.line.wall])
-    grains = laws.coefficients(now.alpha, now.theta, *rates.rates)
+    grains = laws.coefficients(now.alpha, now.theta, *rates.rates, None)
     state = laws.wall_state(now.alpha, now.theta, grains, slip, edge)
     assert state.slip == pytest.approx(speed)
     near = 2 / size

@@ -64,6 +64,11 @@ class GasWall(Closure):
     def friction(self, speed: Value, distance: Value, gas: Fluid) -> Value:
         """Coefficient c [Pa s/m] at a speed [m/s] found `distance` [m] off the wall."""
 
+    @property
+    def sharpness(self) -> Value:
+        """m of the blend c^m = (mu_g/y)^m + c_log^m of a logarithmic law [-]."""
+        raise NotImplementedError
+
     def friction_velocity(self, state: GasWallState, friction: Value) -> Value:
         """sqrt(c u/rho_g) of the coefficient c; that of k where the law asks for k [m/s]."""
         return sqrt(friction * state.speed / state.gas.density)
@@ -129,6 +134,11 @@ class LogLaw(OffsetWall):
     E: float = parameter(9.8, "-", "constant of a smooth wall", gt=1)
     n: float = parameter(5.0, "-", "sharpness of the blend", ge=1)
 
+    @property
+    def sharpness(self) -> Value:
+        """n/2: c goes as u+^-2 [-]."""
+        return self.n / 2
+
     def friction(self, speed: Value, distance: Value, gas: Fluid) -> Value:
         """Coefficient c [Pa s/m] at a speed [m/s] found `distance` [m] off the wall."""
         re = gas.density * speed * distance / gas.viscosity
@@ -157,6 +167,11 @@ class EnergyLogLaw(LogLaw):
     needs_k: ClassVar[bool] = True
 
     C_mu: float = parameter(0.09, "-", "C_mu of the friction velocity", gt=0)
+
+    @property
+    def sharpness(self) -> Value:
+        """n: c goes as 1/u+ [-]."""
+        return self.n
 
     def friction_velocity(self, state: GasWallState, friction: Value) -> Value:
         """C_mu^(1/4) sqrt(k) [m/s]."""

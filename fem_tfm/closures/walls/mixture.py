@@ -29,8 +29,6 @@ from fem_tfm.closures.walls.gas import GasWall, GasWallState
 
 # tau_t y_p over y_p/u_p in equilibrium: 3/2 nu/k with nu = kappa u y and k = u^2/0.3
 EDDY_TIME = 0.45
-# sharpness of the blend with the viscous limit, half that of the logarithmic law
-BLEND = 2.5
 # iterations for u_g, and within each for w: they leave 0.1 % of the traction for Z < 20
 ITERATIONS, INNER = 3, 2
 # von Karman's constant, and kappa y+ at the edge of the sublayer, y+ = ln(9.8 y+)/kappa
@@ -129,7 +127,9 @@ def shared_friction(
     alone = law.friction_velocity(state, friction) + _TINY
     u_plus = density * alone / (friction + _TINY) if law.needs_k else state.speed / alone
     mixed, share = mixed_layer(u_plus, alone, state.distance, of, law.needs_k)
-    viscous_part = (viscous / friction) ** BLEND
-    power = mixed**BLEND * (1 - viscous_part) + viscous_part
-    eddies = (friction * power ** (1 / BLEND) - viscous) / (1 + of.loading * share)
+    # the logarithmic part grows by `mixed`, in the blend of the law with its viscous limit
+    m = law.sharpness
+    viscous_part = (viscous / friction) ** m
+    power = mixed**m * (1 - viscous_part) + viscous_part
+    eddies = (friction * power ** (1 / m) - viscous) / (1 + of.loading * share)
     return viscous + eddies, share * eddies

@@ -16,7 +16,7 @@ from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.cells.transport import ScalarTransport
-from fem_tfm.models.finite_volume.fraction import SolidsFraction
+from fem_tfm.models.finite_volume.fraction import SolidsFraction, thermal_rise
 from fem_tfm.models.finite_volume.ideal_gas import IdealGas, RelativeDensity, gas_volume
 from fem_tfm.models.finite_volume.momentum import Momentum
 from fem_tfm.models.finite_volume.pressure import PressureProjection
@@ -28,6 +28,7 @@ from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
     Inflow,
     Masses,
+    Phase,
     Report,
     SolidsDeformation,
     State,
@@ -104,7 +105,7 @@ class UnsteadyFlow:
         self.level = PressureLevel(line, problem.gravity, hydrostatic_density)
         self.split = DropSplit(line, problem.gravity)
         self.speed_limit = SpeedLimit(line, laws, problem.gravity)
-        self._wall_friction: dict[str, Array] = {}
+        self._phases: list[Phase] = []
 
     def initialise(self, alpha: Any = 0.0, theta: float | None = None, p: Any = 0.0) -> None:
         """Put both phases at rest, at time zero.
@@ -130,7 +131,7 @@ class UnsteadyFlow:
         )
         self.previous: PreviousStep | None = None
         self.time, self.steps = 0.0, 0
-        self._wall_friction = {}
+        self._phases = []
         self._count_masses()
 
     def set_velocities(self, u_s: Array, u_g: Array) -> None:
@@ -219,7 +220,7 @@ class UnsteadyFlow:
             state = replace(step.state, scales=scales)
             step = step.after("turbulence", iterations, state=state)
         phases = self.momentum.phases(step)
-        self._wall_friction = {phase.name: phase.wall_friction for phase in phases}
+        self._phases = phases
         face_forces, accelerations = self.momentum.forces(step, phases)
         velocities, iterations = self.momentum.solve(step, phases, accelerations)
         step = step.after("momentum", iterations)
@@ -258,7 +259,8 @@ class UnsteadyFlow:
         response = self.pressure.response(state.alpha, drag + growth, step.dt, gas_density)[0]
         alpha = np.maximum(state.alpha, 0.0)
         p_s = self.laws.solids_pressure(alpha, state.theta, *step.deformation.rates)
-        weight = self.momentum.supported_weight(state.alpha, p_s)
+        unforced = thermal_rise(self.line, self.laws, state)
+        weight = self.momentum.supported_weight(state.alpha, p_s, unforced)
         flux = start.solids_flux + response * cells.face_area * weight
         levels = replace(step.levels, start=replace(start, solids_flux=flux))
         return replace(step, levels=levels), response
@@ -275,9 +277,8 @@ class UnsteadyFlow:
         theta, iterations = self.temperature.solve(step)
         state = replace(step.state, theta=theta)
         excess = growth[:, None] * (state.u_g - state.u_s)
-        return step.after(
-            "theta", iterations, state=state, drag=drag + growth, explicit_drag=excess
-        )
+        found = {"state": state, "beta": drag, "drag": drag + growth, "explicit_drag": excess}
+        return step.after("theta", iterations, **found)
 
     def deformation(self, state: State | PreviousStep) -> SolidsDeformation:
         """Deformation of the solids of a state, in all cells (collective)."""
@@ -443,7 +444,7 @@ class UnsteadyFlow:
 
     def _parts(self, drop: float) -> dict[str, float]:
         """Parts of the pressure drop [Pa]; none before a step has found the forces of the wall."""
-        if self.steps < 2 or not self._wall_friction:
+        if self.steps < 2 or not self._phases:
             return {}
         own, now = self.line.own, self.now
         density = self.gas.density * (1 - now.alpha[own])
@@ -451,7 +452,7 @@ class UnsteadyFlow:
             density = density * self.ideal_gas.relative(now.p)[own]
         if self.solids is not None:
             density = density + self.solids.density * now.alpha[own]
-        return self.split.parts(now, self._wall_friction, density, drop)
+        return self.split.parts(now, self._phases, density, drop)
 
     def state(self) -> dict[str, Array]:
         """Everything that the next step needs for the same result, bit for bit.
@@ -505,7 +506,7 @@ class UnsteadyFlow:
             found["scales"] = {name: cells.ghosted(given[name]) for name in scales}
             self.previous = PreviousStep(float(state["before_dt"]), **found)
         self.time, self.steps = float(state["time"]), int(state["steps"])
-        self._wall_friction = {}
+        self._phases = []
         masses = {f.name: float(state[f"mass_{f.name}"]) for f in fields(Masses)}
         self.masses = Masses(**masses)
         self.pressure.renew()

@@ -20,7 +20,7 @@ from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
 from fem_tfm.models.finite_volume.scheme import FirstOrder
-from fem_tfm.models.finite_volume.state import LONELY_FRACTION, SolidsTransport
+from fem_tfm.models.finite_volume.state import LONELY_FRACTION, SolidsTransport, State
 from fem_tfm.models.finite_volume.time_levels import Step
 from fem_tfm.models.pointwise import Pointwise
 
@@ -125,6 +125,7 @@ class _Equation:
         self.w = self.alpha / (self.limit - self.alpha)
         self.p_s = self._pressure(self.alpha)
         self._stiffness: Array | None = self._pressure_stiffness()
+        self._thermal = None if laws.feels_theta else _ThermalRise(line, laws, levels.predicted)
         # flux per difference of pressure and of fraction
         self._response = (weight * response * cells.face_weight)[line.inner]
         self._dispersion = self._dispersion_coefficient()
@@ -223,9 +224,10 @@ class _Equation:
         line, inner = self.line, self.line.inner
         here, there = self.alpha.take(self._first), self.alpha.take(self._second)
         # upwind by the flux that the pressure leaves, so that grains at rest do not creep
-        flux = self._flux[inner] - self._response * (
-            self.p_s.take(self._second) - self.p_s.take(self._first)
-        )
+        rise = self.p_s.take(self._second) - self.p_s.take(self._first)
+        if self._thermal is not None:
+            rise -= self._thermal.at(self.alpha)[inner]
+        flux = self._flux[inner] - self._response * rise
         if self._dispersion is not None:
             flux -= self._dispersion[inner] * (there - here)
         np.maximum(flux, 0.0, out=self._ahead[inner])
@@ -279,6 +281,13 @@ class _Equation:
             -(flux[inner] * slope.take(other) + pressed * stiff.take(other))
             for flux, other in ((back, self._second), (ahead, self._first))
         )
+        if self._thermal is not None:
+            of_first, of_second = self._thermal.slopes(self.w, self.limit)
+            row_of_first += pressed * of_second
+            row_of_second -= pressed * of_first
+            ahead, back = np.zeros((2, cells.face_count))
+            ahead[inner], back[inner] = pressed * of_first, -pressed * of_second
+            diagonal += cells.sum_by_side(ahead, back)
         return [diagonal], [(row_of_first, row_of_second)]
 
     def retreat(self, change: Array) -> None:
@@ -325,4 +334,54 @@ class _Equation:
             step_source=self._source,
             pressure=self.p_s,
             dilation=cells.ghosted(cells.net_flux(volume_flux) / line.volume),
+            thermal_rise=None if self._thermal is None else self._thermal.at(self.alpha),
         )
+
+
+class _ThermalRise:
+    """Rise of the kinetic pressure across faces by that of Theta: mean(p/Theta) rise(Theta).
+
+    Without it the rise is that of alpha_s alone, at a Theta between those of both cells.
+
+    Parameters
+    ----------
+    line, laws : mesh and coefficients
+    state : with the Theta of the pressure
+    """
+
+    def __init__(self, line: LineMesh, laws: Pointwise, state: State) -> None:
+        self._cells, self._inner = line.cells, line.inner
+        self._laws, self._theta = laws, state.theta
+        self._first, self._second = line.cells.first[line.inner], line.cells.second
+        self._rise = self._theta.take(self._second) - self._theta.take(self._first)
+
+    def at(self, alpha: Array) -> Array:
+        """The rise at a fraction, zero on the boundary [Pa]."""
+        found = self._cells.to_faces(self._laws.pressure_per_theta(alpha, self._theta))
+        found[self._inner] *= self._rise
+        found[self._cells.inner_count :] = 0.0
+        return found
+
+    def slopes(self, w: Array, limit: float) -> tuple[Array, Array]:
+        """Its derivatives with respect to w = alpha/(limit - alpha) of the first and second cells.
+
+        By differences, as those of the pressure.
+        """
+        change = PRESSURE_STEP * (1 + w)
+        here, beyond = (
+            self._laws.pressure_per_theta(limit * odds / (1 + odds), self._theta)
+            for odds in (w, w + change)
+        )
+        slope = np.maximum((beyond - here) / change, 0.0)
+        share, rise = self._cells.interpolation_weight, self._rise
+        return (
+            share * slope.take(self._first) * rise,
+            (1 - share) * slope.take(self._second) * rise,
+        )
+
+
+def thermal_rise(line: LineMesh, laws: Pointwise, state: State) -> Array | None:
+    """Share of the rise of p_s of a state across faces that exerts no force [Pa], or None."""
+    if laws.feels_theta:
+        return None
+    return _ThermalRise(line, laws, state).at(np.maximum(state.alpha, 0.0))

@@ -180,7 +180,8 @@ class Momentum:
         laws, state, levels, solids = self.laws, step.state, step.levels, step.solids
         start = levels.start
         alpha = np.maximum(state.alpha, 0.0)
-        found = laws.coefficients(alpha, state.theta, *step.deformation.rates)
+        shear, dilation = step.deformation.rates
+        found = laws.coefficients(alpha, state.theta, shear, dilation, step.beta)
         viscosity, bulk = found.viscosity, found.kinetic.bulk_viscosity
         if step.turbulence is not None:
             viscosity = viscosity + alpha * laws.solids.density * step.turbulence.nu_s
@@ -207,6 +208,7 @@ class Momentum:
             face_fraction=support.fraction,
             support=support,
             implicit_correction=self._implicit_correction(bulk_on_faces, mass, levels),
+            thermal_rise=solids.thermal_rise,
         )
 
     def _wall_friction_of_solids(
@@ -328,13 +330,19 @@ class Momentum:
 
     # -- forces --------------------------------------------------------------------------------
 
-    def supported_weight(self, alpha: Array, p_s: Array) -> Array:
-        """Weight of the solids along normals, at most what p_s carries [N/m3] (collective)."""
+    def supported_weight(self, alpha: Array, p_s: Array, unforced: Array | None) -> Array:
+        """Weight of the solids along normals, at most what p_s carries [N/m3] (collective).
+
+        unforced (faces) : rise of p_s that exerts no force [Pa], None without
+        """
         line, cells, inner = self.line, self.line.cells, self.line.inner
         fraction = self._body_force.support(alpha, p_s).fraction
         weight = fraction * (self.laws.solids.density - self._hydrostatic_density) * self._gravity
         slope = np.zeros(cells.face_count)
-        slope[inner] = (p_s[cells.second] - p_s[cells.first[inner]]) * line.inverse_distance[inner]
+        rise = p_s[cells.second] - p_s[cells.first[inner]]
+        if unforced is not None:
+            rise -= unforced[inner]
+        slope[inner] = rise * line.inverse_distance[inner]
         return np.clip(weight, np.minimum(slope, 0.0), np.maximum(slope, 0.0))
 
     def forces(self, step: Step, phases: list[Phase]) -> tuple[list[Array], list[Array]]:
@@ -370,6 +378,8 @@ class Momentum:
         if phase.pressure is not None:
             p_i = phase.pressure
             rise = p_i[cells.second] - p_i[cells.first[inner]]
+            if phase.thermal_rise is not None:
+                rise -= phase.thermal_rise[inner]
             force[inner] -= rise * line.inverse_distance[inner]
         if phase.dispersion_force is not None:
             force += phase.dispersion_force

@@ -140,9 +140,8 @@ class PressureProjection:
             total_flux=total,
         )
         if len(phases) == 2:
-            flux, p_s = fluxes.flux[0] + corrections[0], phases[0].pressure
-            assert p_s is not None
-            solids = self._solids(step, p_s, fluxes.response[0][0], velocities[0], flux)
+            flux = fluxes.flux[0] + corrections[0]
+            solids = self._solids(step, phases[0], fluxes.response[0][0], velocities[0], flux)
             state = replace(state, **solids)
         return state, iterations
 
@@ -188,13 +187,17 @@ class PressureProjection:
         return [[ss, sg], [sg, gg]]
 
     def _solids(
-        self, step: Step, p_s: Array, response: Array, velocity: Array, flux: Array
+        self, step: Step, phase: Phase, response: Array, velocity: Array, flux: Array
     ) -> dict[str, Any]:
         """Fields of the solids in the new state."""
-        cells, inner = self.line.cells, self.line.inner
+        cells, inner, p_s = self.line.cells, self.line.inner, phase.pressure
+        assert p_s is not None
+        rise = p_s[cells.second] - p_s[cells.first[inner]]
+        if phase.thermal_rise is not None:
+            rise -= phase.thermal_rise[inner]
         pressure_flux = np.zeros(cells.face_count)
         pressure_flux[inner] = -response[inner] * cells.face_weight[inner]
-        pressure_flux[inner] *= p_s[cells.second] - p_s[cells.first[inner]]
+        pressure_flux[inner] *= rise
         # of the cells' velocities: the flux itself drops what alternates from cell to cell
         acceleration = cells.flux(velocity - step.levels.start.u_s) / step.levels.span_faces
         return {

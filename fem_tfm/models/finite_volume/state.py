@@ -181,6 +181,8 @@ class SolidsTransport:
     step_flux, step_source : mean flux [m3/s] and source [1/s] of the step, by which alpha changed
     pressure : solids pressure in all cells that the fluxes contain [Pa]
     dilation : div u_s of the fluxes in all cells [1/s]
+    thermal_rise : share of the rise of `pressure` across faces, by that of Theta, which exerts no
+        force [Pa]; None where all of it does
     """
 
     alpha: Array
@@ -189,6 +191,7 @@ class SolidsTransport:
     step_source: Array
     pressure: Array
     dilation: Array
+    thermal_rise: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -290,6 +293,7 @@ class Phase:
     dispersion_force : along the normals [N/m3], None without
     implicit_correction : stiffness of stresses beyond the viscosity that need the matrix [kg/s],
         None without
+    thermal_rise : share of the rise of `pressure` that exerts no force [Pa], None without
     """
 
     name: str
@@ -310,3 +314,4 @@ class Phase:
     support: FaceSupport | None
     dispersion_force: Array | None = None
     implicit_correction: Array | None = None
+    thermal_rise: Array | None = None

@@ -3,6 +3,7 @@
 
     3/2 [alpha rho Theta]_t + 3/2 div(alpha rho u_s Theta)
         = 2 mu S:S + (bulk div u_s - p_kin) div u_s + div(kappa grad Theta) - gamma - 3 beta Theta
+          + production by slip
 
 Sinks are divided by the Theta of the coefficients and multiplied by the new one.
 """
@@ -55,7 +56,7 @@ class GranularTemperature:
         line, laws, solids = self.line, self.laws, step.solids
         own, theta, shear = line.own, step.state.theta, step.deformation.shear
         alpha, dilation = np.maximum(solids.alpha, 0.0), self._dilation(step)
-        coefficients = laws.coefficients(alpha, theta, shear, dilation)
+        coefficients = laws.coefficients(alpha, theta, shear, dilation, step.drag)
         if laws.closures.theta == "algebraic":
             found = self._relaxed(step, alpha, coefficients.g0, dilation)
             return self._bounded(found, alpha), 0
@@ -90,7 +91,7 @@ class GranularTemperature:
         laws, shear, now = self.laws, step.deformation.shear, step.levels.now.theta
         expansion = np.maximum(dilation, 0.0)
         wanted = laws.algebraic_theta(alpha, g0, shear, step.drag, expansion)
-        kinetic = laws.kinetic(alpha, wanted)[1]
+        kinetic = laws.kinetic(alpha, wanted, step.drag)[1]
         decay = (kinetic.dissipation + kinetic.pressure * expansion) / wanted + 3 * step.drag
         inertia = 1.5 * laws.grain.density * np.maximum(alpha, SMALLEST_FRACTION) / step.dt
         found = now + decay / (decay + inertia) * (wanted - now)
@@ -113,9 +114,11 @@ class GranularTemperature:
         self, step: Step, coefficients: SolidsCoefficients, dilation: Array
     ) -> tuple[Array, Array]:
         """Sinks over Theta [kg/s] and sources [W] of the owned cells."""
-        own, volume, theta = self.line.own, self.line.volume, step.state.theta
+        own, volume, state = self.line.own, self.line.volume, step.state
+        theta, shear = state.theta, step.deformation.shear
+        alpha, slip = np.maximum(state.alpha, SMALLEST_FRACTION), state.u_g - state.u_s
         energy = self.laws.granular_energy(
-            coefficients, theta, step.deformation.shear, dilation, step.drag
+            coefficients, alpha, theta, shear, dilation, step.drag, slip
         )
         sink = energy.decay + np.maximum(energy.compression, 0.0) / theta
         source = energy.production + np.maximum(-energy.compression, 0.0)

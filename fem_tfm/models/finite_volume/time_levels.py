@@ -396,7 +396,8 @@ class Step:
 
     levels, dt, inflow : levels in time, length [s], boundary values and sources
     state : state at which coefficients are taken: predicted, then solved, equation by equation
-    drag : beta in the momentum equations, in all cells [kg/m3/s]
+    beta : drag coefficient of the state, in all cells [kg/m3/s]; None without solids
+    drag : that of the momentum equations, with its growth [kg/m3/s]
     explicit_drag : force on the gas in excess of -beta (u_g - u_s) (cells, 3), opposite on the
         solids [N/m3]; None without
     deformation, solids : of the solids, and the result of their fraction; None without solids
@@ -411,6 +412,7 @@ class Step:
     state: State
     drag: Array
     explicit_drag: Array | None = None
+    beta: Array | None = None
     deformation: SolidsDeformation | None = None
     solids: SolidsTransport | None = None
     turbulence: TurbulenceCoefficients | None = None

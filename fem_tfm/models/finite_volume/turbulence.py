@@ -192,7 +192,9 @@ class Turbulence:
         """Input of the laws of dispersed turbulence."""
         line, cells = self.line, self.line.cells
         slip, alpha = now.u_g - now.u_s, np.maximum(now.alpha, SMALLEST_FRACTION)
-        g0, kinetic = laws.kinetic(alpha, now.theta)
+        speed, height = laws.speed(slip), line.gas_profile[0]
+        beta = laws.drag(alpha, speed, height) if laws.needs_drag else None
+        g0, kinetic = laws.kinetic(alpha, now.theta, beta)
         gradient = cells.ghosted(cells.gradient(now.alpha))
         # grad(alpha)/alpha is limited to that of a front as wide as a cell
         limit = dot(gradient, gradient) * cells.volume ** (2 / 3) / 4
@@ -207,8 +209,8 @@ class Turbulence:
             now.theta,
             g0,
             kinetic.shear_viscosity,
-            laws.speed(slip),
-            line.gas_profile[0],
+            speed,
+            height,
             drift,
             eddies,
         )

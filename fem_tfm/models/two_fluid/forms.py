@@ -226,8 +226,9 @@ class TwoFluidForms:
         alpha, theta = self.alpha(state), self.theta(state)
         rate = self.rate(state, "u_s")
         square, dilation = Invariants(rate).square, ufl.tr(rate)
+        beta = self.drag(state)
         found = Solid(
-            **vars(self.at_point.coefficients(alpha, theta, square, dilation)),
+            **vars(self.at_point.coefficients(alpha, theta, square, dilation, beta)),
             alpha=alpha,
             theta=theta,
             rate=rate,
@@ -360,9 +361,19 @@ class TwoFluidForms:
             - self.drag(now) * ufl.inner(now.u_g - now.u_s, v)
             + ufl.inner(stress - rho * ufl.outer(now.u_s, flux), self.axis.jacobian(v))
         ) * self.domain.dx
+        if not self.at_point.feels_theta:
+            form -= self.thermal_force(now, solid, v)
         stiffness = solid.viscosity + solid.kinetic.bulk_viscosity + eddy
         traction = self.solids_wall_traction(now)
         return form + self.wall_terms(now.u_s, v, traction, stress, stiffness, rho * a)
+
+    def thermal_force(self, state: State, solid: Solid, v: Expr) -> ufl.Form:
+        """(dp/dTheta) grad(Theta) of the kinetic pressure, tested with v.
+
+        It acts within the section alone, as the pressure does: the axial balance still closes.
+        """
+        warming = solid.kinetic.pressure / solid.theta * self.axis.gradient(solid.theta)
+        return ufl.inner(warming, v) * self.domain.dx
 
     def gas_momentum(self, now: State, old: State, v: Expr, idt: Any, drive: Any) -> ufl.Form:
         """Momentum of the gas, with its wall law and the weak condition u_g.n = 0."""
@@ -430,7 +441,10 @@ class TwoFluidForms:
         """Sources of the granular energy."""
         beta = self.drag(state)
         square = self.shear(state, "u_s").square
-        return self.at_point.granular_energy(solid, solid.theta, square, solid.dilation, beta)
+        slip = state.u_g - state.u_s
+        return self.at_point.granular_energy(
+            solid, solid.alpha, solid.theta, square, solid.dilation, beta, slip
+        )
 
     def algebraic_theta(self, state: State, solid: Solid) -> Expr:
         """Theta where production equals dissipation and drag [m2/s2]."""

@@ -9,9 +9,11 @@ from typing import Any, ClassVar, Literal, Self
 
 from fem_tfm.closures.base import Closure, law, wall_distance_field
 from fem_tfm.closures.drag import Drag
+from fem_tfm.closures.free_path import FreePath
 from fem_tfm.closures.friction import Friction
 from fem_tfm.closures.granular import Granular
 from fem_tfm.closures.radial import Radial
+from fem_tfm.closures.slip_production import SlipProduction
 from fem_tfm.closures.turbulence.dispersed import Dispersed
 from fem_tfm.closures.turbulence.dispersion import Dispersion
 from fem_tfm.closures.turbulence.gas import Turbulence
@@ -106,6 +108,24 @@ class TwoFluid(Parameters):
         doc="frictional work becomes granular temperature",
         key="closures.friction_feeds_theta",
     )
+    slip_production: SlipProduction = law(
+        "slip-production",
+        "none",
+        "granular energy that the slip between the phases makes",
+        "closures.slip_production",
+    )
+    free_path: FreePath = law(
+        "free-path",
+        "none",
+        "limit of the grains' viscosity and conduction by the gas",
+        "closures.free_path",
+    )
+    pressure_force: Literal["full", "alpha"] = parameter(
+        "full",
+        doc="force of the kinetic solids pressure: its whole gradient, or"
+        " (dp/dalpha_s) grad(alpha_s) alone as in OpenFOAM",
+        key="closures.pressure_force",
+    )
     gas_wall: GasWall = law("gas-wall", "log-law", "gas at the wall", "walls.gas")
     solids_wall: SolidsWall = law(
         "solids-wall", "schneiderbauer", "solids at the wall", "walls.solids"
@@ -138,6 +158,19 @@ class TwoFluid(Parameters):
                     object.__setattr__(self, name, "none")
         super().__post_init__()
         self._check_turbulence()
+        self._check_theta()
+
+    def _check_theta(self) -> None:
+        """Laws that an algebraic granular temperature cannot have."""
+        if self.theta != "algebraic":
+            return
+        for key, used in (
+            ("closures.slip_production", self.slip_production),
+            ("closures.free_path", self.free_path),
+        ):
+            if not used.absent:
+                words = "'none', or closures.theta = 'transport' beside it"
+                raise InputError(key, used.name, words)
 
     def _check_turbulence(self) -> None:
         """Laws that use k need one that transports it, and that one needs a wall law."""

@@ -15,6 +15,8 @@ from fem_tfm.models.two_fluid.section import TwoFluidSection
 
 GAS, SOLIDS = "drop_gas_friction", "drop_solids_friction"
 LIFT, ACCELERATION = "drop_lift", "drop_acceleration"
+# in an unsteady flow whose solids pressure acts without its share by grad(Theta)
+OMITTED = "drop_omitted_pressure"
 
 
 def split(section: TwoFluidSection) -> dict[str, float]:

@@ -22,13 +22,14 @@ def face_force(
 ) -> Face:
     """Force along the normals of inner faces and the outlet [N/m3].
 
-        f = a (rho - rho_lifted) g.n - a rise(p)/(n.d) - rise(p_s)/(n.d) + dispersion
+        f = a (rho - rho_lifted) g.n - a rise(p)/(n.d) - push/(n.d) + dispersion
 
     a : fraction that the face bears; p vanishes outside of the outlet, p_s does not change there
+    push : rise(p_s) of the solids without `thermal_rise`, rise of the pressure of the gas's eddies
     """
     weight = Face.of(ufl.dot, on.normal, gravity) * (phase.density.faces - lifted)
     force = phase.face_fraction * (weight - on.rise(p, 0) * on.weight) + phase.dispersion_force
-    force = force - on.rise(phase.pressure) * on.weight
+    force = force - (on.rise(phase.pressure) - phase.thermal_rise) * on.weight
     return force if phase.name == "gas" else Face(force.inner, inflow.passes * force.edge)
 
 

@@ -23,11 +23,11 @@ def solids_pressure(point: Pointwise, alpha: Any, theta: Any, deformation: Any, 
 
 
 def solids_coefficients(
-    point: Pointwise, alpha: Any, theta: Any, deformation: Any
+    point: Pointwise, alpha: Any, theta: Any, deformation: Any, beta: Any
 ) -> SolidsCoefficients:
-    """Coefficients of kinetic theory and friction."""
+    """Coefficients of kinetic theory, as far as drag limits them by beta, and of friction."""
     alpha = ufl.max_value(alpha, 0)
-    return point.coefficients(alpha, theta, deformation.shear, deformation.dilation)
+    return point.coefficients(alpha, theta, deformation.shear, deformation.dilation, beta)
 
 
 def drag_coefficients(point: Pointwise, alpha: Any, slip: Any, height: Any) -> tuple[Any, Any]:

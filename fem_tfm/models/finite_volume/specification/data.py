@@ -49,7 +49,8 @@ def phase_fields(on: FacetForms, phase: Phase) -> SimpleNamespace:
     """
     cells, support = on.cells, phase.support
     sizes = {"pressure": cells.count}
-    sizes |= dict.fromkeys(("dispersion_force", "implicit_correction"), cells.face_count)
+    of_faces = "dispersion_force", "implicit_correction", "thermal_rise"
+    sizes |= dict.fromkeys(of_faces, cells.face_count)
     absent: dict[str, Any] = {n: np.zeros(m) for n, m in sizes.items() if getattr(phase, n) is None}
     absent |= {"support": None, "wall_friction": 0.0}
     found = on.fields(dataclasses.replace(phase, **absent))

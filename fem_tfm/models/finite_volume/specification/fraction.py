@@ -54,10 +54,25 @@ def predicted_flux(on: FacetForms, levels: Any, share: Face, spread: Face) -> Fa
 
 
 def solids_flux(
-    on: FacetForms, flux: Face, alpha: Any, p_s: Any, response: Face, spread: Face
+    on: FacetForms, flux: Face, alpha: Any, push: Face, response: Face, spread: Face
 ) -> Face:
-    """Volume flux of the solids at an iterate: F - R_ss rise(p_s)/(n.d) - E rise(alpha_s) [m/s]."""
-    return flux - response * on.weight * on.rise(p_s) - spread * on.rise(alpha)
+    """Volume flux of the solids at an iterate: F - R_ss push/(n.d) - E rise(alpha_s) [m/s].
+
+    push : `pressure_rise` [Pa]
+    """
+    return flux - response * on.weight * push - spread * on.rise(alpha)
+
+
+def pressure_rise(on: FacetForms, point: Pointwise, alpha: Any, theta: Any, p_s: Any) -> Face:
+    """Rise of p_s across faces that exerts a force [Pa].
+
+    rise(p_s), without mean(p/Theta) rise(Theta) where the force is (dp/dalpha) grad(alpha)
+    """
+    found = on.rise(p_s)
+    if point.feels_theta:
+        return found
+    per_theta = point.pressure_per_theta(ufl.max_value(alpha, 0), theta)
+    return found - on.mean(per_theta) * on.rise(theta)
 
 
 def solids_fraction(

@@ -74,10 +74,10 @@ def dispersed_solids(
     crowding : grad(alpha_s), which is no steeper than alpha_s over half the `size` of a cell [1/m]
     """
     alpha, slip = present(at.alpha), at.u_g - at.u_s
-    g0, kinetic = point.kinetic(alpha, at.theta)
+    speed = point.speed(slip)
+    g0, kinetic = point.kinetic(alpha, at.theta, point.drag(alpha, speed, height))
     steep = ufl.sqrt(alpha**2 + ufl.dot(crowding, crowding) * size**2 / 4)
     drift = -ufl.dot(slip, crowding) / steep
-    speed = point.speed(slip)
     viscosity = kinetic.shear_viscosity
     return point.grains(alpha, at.theta, g0, viscosity, speed, height, drift, eddies)
 
