@@ -24,7 +24,7 @@ using kernel::Output;
 struct Lanes {
     alignas(64) double x[3][8], v[3][8], time[8], radius[8], weight[8], body[3][8];
     alignas(32) float xi[3][8], u[3][8], rate[8], dt[8], stokes[8], reynolds[8], limit[8];
-    alignas(32) int32_t cell[8], table[8], index[8], count[8];
+    alignas(32) int32_t cell[8], table[8], index[8], count[8], moves[8];
     alignas(32) uint32_t step[8], low[8], high[8];
     uint32_t bounces[8];
     alignas(64) double omega[3][8], temperature[8], mass[8];
@@ -72,7 +72,8 @@ INLINE void settle_lane(const Job& job, Lanes& s, int k, int32_t i) {
     s.low[k] = (uint32_t)(uint64_t)c.id[i];
     s.high[k] = (uint32_t)((uint64_t)c.id[i] >> 32);
     s.index[k] = i;
-    s.count[k] = 0;
+    s.moves[k] = c.search[2 * (int64_t)i];
+    s.count[k] = c.search[2 * (int64_t)i + 1];
     s.meetings[k] = 0;
 }
 
@@ -93,6 +94,8 @@ INLINE void write_lane(const Job& job, const Lanes& s, int k, int8_t status) {
     c.cell[i] = s.cell[k];
     c.step[i] = s.step[k];
     c.bounces[i] = s.bounces[k];
+    c.search[2 * i] = 0;
+    c.search[2 * i + 1] = s.count[k];
     c.status[i] = status;
 }
 
@@ -123,6 +126,8 @@ struct Stepper {
     float z0 = 0, per_z = 0;
     double first = 0;
     int64_t next, stop;
+    // bits of lanes that go on with a search, and of those whose particle has left
+    unsigned resumed = 0, vacant = 0;
 
     Stepper(const Job& j, int64_t begin, int64_t end, Output& o) : job(j), out(o), next(begin), stop(end) {
         rows = {j.gas.rows[0], j.gas.rows[1], j.gas.rows[1] != nullptr,
@@ -145,11 +150,8 @@ struct Stepper {
             } else if (s.dt[k] == 0.0f && s.step[k] == 0) {
                 start_eddy(k);
             }
-            if (s.cell[k] < 0) {
-                double q[3] = {s.x[0][k], s.x[1][k], s.x[2][k]};
-                for (int j = 0; j < job.grid.folds; ++j) q[j] = q[j] < 0 ? -q[j] : q[j];
-                s.cell[k] = seeded(job.grid, q, Kind::DIM);
-            }
+            // a stray that was found afresh begins its walk anew
+            if (s.moves[k] % MOST_MOVES) resumed |= 1u << k;
             return true;
         }
         return false;
@@ -178,7 +180,22 @@ struct Stepper {
     void copy_lane(int k, int from) {
         settle_lane(job, s, k, s.index[from]);
         s.cell[k] = s.cell[from];
+        s.moves[k] = 0;
         for (int j = 0; j < 3; ++j) s.x[j][k] = s.x[j][from];
+    }
+
+    // give back lanes that leave in the middle of their search, as they were before the step
+    __attribute__((noinline)) void leave(const Place& place, unsigned left) {
+        vacant = left;
+        s.active &= ~left;
+        for (; left; left &= left - 1) {
+            const int k = __builtin_ctz(left);
+            write_lane(job, s, k, kernel::AWAY);
+            const int64_t i = s.index[k];
+            job.cloud.cell[i] = place.ghost[k];
+            job.cloud.search[2 * i] = place.moves[k];
+            if (place.ghost[k] == -1) ++out.counts.strays;
+        }
     }
 
     INLINE void step() {
@@ -203,11 +220,15 @@ struct Stepper {
             middle[i] = x[i] + to_double(half * (ue[i] + (vf[i] - ue[i]) * carried));
         Place place;
         place.cell = load(s.cell);
+        place.resumed = resumed;
+        store(place.moves, load(s.moves));
         Mirror mirror;
         d8 folded[3];
         fold(middle, folded, mirror);
         Kind::locate(job.grid, folded, place);
-        out.counts.strays += place.strays;
+        store(s.moves, splat_int(0));
+        resumed = 0;
+        if (place.left & s.active) leave(place, place.left & s.active);
         store(s.cell, place.cell);
         Sample g;
         f8 share = splat(0.0f);
@@ -910,10 +931,13 @@ struct Stepper {
                                                               : kernel::STUCK;
             if (o.until_time && status == kernel::INSIDE) s.time[k] = o.end;
             write_lane(job, s, k, status);
-            if (!refill(k)) {
-                s.active &= ~bit;
-                if (s.active) copy_lane(k, __builtin_ctz(s.active));
-            }
+            vacant |= bit;
+        }
+        for (; vacant; vacant &= vacant - 1) {
+            const int k = __builtin_ctz(vacant);
+            const unsigned bit = 1u << k;
+            s.active = refill(k) ? s.active | bit : s.active & ~bit;
+            if (!(s.active & bit) && s.active) copy_lane(k, __builtin_ctz(s.active));
         }
         // idle lanes stand still
         for (unsigned idle = ~s.active & 255u; idle; idle &= idle - 1) s.dt[__builtin_ctz(idle)] = 0.0f;

@@ -24,7 +24,8 @@ static_assert(PLANE_MAP == kernel::layout_of(Cells::triangle).map, "one map for 
 
 // places outside a cell by less than this, in reference coordinates, are inside
 constexpr float TOLERANCE = 2e-6f;
-constexpr int MOST_MOVES = 24;
+// moves after which a place counts as astray and its cell is looked for afresh, once
+constexpr int MOST_MOVES = 256;
 
 // where the particles are: cell, reference coordinates, inverse Jacobian (d xi_i/d x_j)
 struct Place {
@@ -32,7 +33,10 @@ struct Place {
     f8 at[3];
     f8 inverse[9];
     i8 clamped[3];
-    int strays;
+    // bits of lanes whose walk was broken off at their cell, and of those that leave the part of this
+    // rank or go astray: for the ghost they come to, or -1
+    unsigned resumed, left;
+    alignas(32) int32_t moves[8], ghost[8];
 };
 
 // fields at the places, in the frame of the part that is solved
@@ -65,37 +69,42 @@ INLINE void load_quarters(const float* const row[8], f8 out[4]) {
     out[3] = SHUFFLE(a1, a3, 2, 3, 10, 11, 6, 7, 14, 15);
 }
 
-// the cell whose bin holds a place
-INLINE int32_t seeded(const Grid& grid, const double* p, int dim) {
-    int bin = 0;
-    for (int i = dim - 1; i >= 0; --i) {
-        int j = (int)((p[i] - grid.low[i]) * grid.inverse_bin[i]);
-        j = j < 0 ? 0 : j >= grid.bins[i] ? grid.bins[i] - 1 : j;
-        bin = bin * grid.bins[i] + j;
-    }
-    return grid.seed[bin];
-}
-
 // What the kinds of cells share: the walk from the last cell towards the place.
+//
+// Whether and where it moves on depends on the cell, the place and the number of moves alone, so that
+// a walk that is broken off at a cell of another rank goes on there as if it had not been.
 template <class Kind>
 struct Walk {
     // `p` in the frame of the part that is solved
     static INLINE void locate(const Grid& grid, const d8 p[3], Place& place) {
-        place.strays = 0;
-        for (int move = 0;; ++move) {
+        place.left = 0;
+        for (;;) {
             Kind::invert(grid, p, place);
             f8 worst = Kind::outside(place.at, 0);
             for (int i = 1; i < Kind::FACETS; ++i) worst = larger(worst, Kind::outside(place.at, i));
-            const unsigned out = bits(worst > TOLERANCE);
-            if (out == 0 || move == 2 * MOST_MOVES) break;
-            if (!step(grid, p, place, out, move == MOST_MOVES)) break;
+            const unsigned out = bits(worst > TOLERANCE) | place.resumed;
+            if (out == 0 || !step(grid, p, place, out)) break;
         }
         Kind::clamp(place);
     }
 
-    // one move of every lane that is outside; whether any moved
-    static __attribute__((noinline)) bool step(const Grid& grid, const d8 p[3], Place& place,
-                                               unsigned out, bool afresh) {
+    // how far a place lies beyond each facet of a straight cell
+    static INLINE void beyond_facets(const Grid& grid, int32_t cell, const double at[3][8], int k, float* beyond) {
+        const float* row = grid.map + (int64_t)cell * Kind::MAP;
+        const float* inverse = row + (Kind::DIM == 2 ? 4 : 6);
+        float d[Kind::DIM], here[Kind::DIM];
+        for (int i = 0; i < Kind::DIM; ++i)
+            d[i] = (float)(at[i][k] - ((double)row[2 * i] + (double)row[2 * i + 1]));
+        for (int i = 0; i < Kind::DIM; ++i) {
+            here[i] = 0.0f;
+            for (int j = 0; j < Kind::DIM; ++j) here[i] += inverse[Kind::DIM * i + j] * d[j];
+        }
+        for (int i = 0; i < Kind::FACETS; ++i) beyond[i] = Kind::outside(here, i);
+    }
+
+    // move every lane that is outside, through straight cells into the last of them or the first that
+    // is not; whether any moved
+    static __attribute__((noinline)) bool step(const Grid& grid, const d8 p[3], Place& place, unsigned out) {
         bool moved = false;
         alignas(32) float far[Kind::FACETS][8];
         alignas(32) int32_t cell[8];
@@ -103,41 +112,36 @@ struct Walk {
         for (int i = 0; i < Kind::FACETS; ++i) store(far[i], Kind::outside(place.at, i));
         for (int i = 0; i < Kind::DIM; ++i) store(at[i], p[i]);
         store(cell, place.cell);
-        for (; out; out &= out - 1) {
+        for (out &= ~place.left; out; out &= out - 1) {
             const int k = __builtin_ctz(out);
-            if (afresh) {
-                const double q[3] = {at[0][k], at[1][k], Kind::DIM == 3 ? at[2][k] : 0.0};
-                cell[k] = seeded(grid, q, Kind::DIM);
-                ++place.strays;
-                moved = true;
-                continue;
+            float beyond[Kind::FACETS], most = TOLERANCE;
+            if (place.resumed >> k & 1 && !grid.curved[cell[k]]) {
+                beyond_facets(grid, cell[k], at, k, beyond);
+                most = 0.5f * TOLERANCE;
+            } else {
+                for (int i = 0; i < Kind::FACETS; ++i) beyond[i] = far[i][k];
             }
-            float beyond[Kind::FACETS];
-            for (int i = 0; i < Kind::FACETS; ++i) beyond[i] = far[i][k];
-            // on alone through straight cells, into the last of them or the first that is not
-            for (int move = 0; move < MOST_MOVES; ++move) {
+            while (place.moves[k] < 2 * MOST_MOVES) {
                 const int32_t* neighbour = grid.neighbour + (int64_t)cell[k] * Kind::FACETS;
-                float most = move == 0 ? TOLERANCE : 0.5f * TOLERANCE;
                 int32_t next = -1;
                 for (int i = 0; i < Kind::FACETS; ++i) {
-                    if (beyond[i] > most && neighbour[i] >= 0) most = beyond[i], next = neighbour[i];
+                    if (beyond[i] > most && neighbour[i] != -1) most = beyond[i], next = neighbour[i];
                 }
-                if (next < 0) break;
+                if (next == -1) break;
+                const bool stray = ++place.moves[k] == MOST_MOVES;
+                if (stray || next < 0) {
+                    place.left |= 1u << k;
+                    place.ghost[k] = stray ? -1 : next;
+                    break;
+                }
                 cell[k] = next;
                 moved = true;
                 if (grid.curved[next]) break;
-                const float* row = grid.map + (int64_t)next * Kind::MAP;
-                const float* inverse = row + (Kind::DIM == 2 ? 4 : 6);
-                float d[Kind::DIM], here[Kind::DIM];
-                for (int i = 0; i < Kind::DIM; ++i)
-                    d[i] = (float)(at[i][k] - ((double)row[2 * i] + (double)row[2 * i + 1]));
-                for (int i = 0; i < Kind::DIM; ++i) {
-                    here[i] = 0.0f;
-                    for (int j = 0; j < Kind::DIM; ++j) here[i] += inverse[Kind::DIM * i + j] * d[j];
-                }
-                for (int i = 0; i < Kind::FACETS; ++i) beyond[i] = Kind::outside(here, i);
+                beyond_facets(grid, next, at, k, beyond);
+                most = 0.5f * TOLERANCE;
             }
         }
+        place.resumed = 0;
         place.cell = load(cell);
         return moved;
     }

@@ -30,7 +30,8 @@ enum class Cells : int { quadrilateral, triangle, tetrahedron, hexahedron };
 enum class Wall : int { none, rectangle, circle, planes, bent_rectangle, bent_circle };
 enum class Dispersion : int { none, langevin, eddies };
 enum class Impact : int { elastic, restitution, stick };
-enum Status : int8_t { INSIDE = 0, OUT = 1, DEPOSITED = 2, LOST = 3, STUCK = 4 };
+// a particle that is AWAY is given back in the middle of the search for its cell, see Cloud::search
+enum Status : int8_t { INSIDE = 0, OUT = 1, DEPOSITED = 2, LOST = 3, STUCK = 4, AWAY = 5 };
 
 // Nodes of a cell in the kernel's order, its facets, and the floats of the row of a cell: origin in two
 // parts an axis, inverse of the Jacobian at its centre, coefficients of the map of a cell that is not
@@ -49,14 +50,11 @@ struct Grid {
     Cells cells;
     int count, nodes;
     const int32_t* node;       // (count, nodes of a cell)
-    const int32_t* neighbour;  // (count, facets of a cell), -1 at the boundary, -2 - part at an end
+    // (count, facets of a cell): -1 at the boundary, -2 - j where ghost j of another rank follows
+    const int32_t* neighbour;
     const float* map;          // (count, floats of the row)
     const uint8_t* curved;     // (count,) whether a cell is not affine
     bool any_curved;
-    // box around the cells in bins, each with a cell nearby where a search begins
-    double low[3], inverse_bin[3];
-    int bins[3];
-    const int32_t* seed;
     // triangles of the boundary near each cell: where a cell's list starts (count + 1), their numbers,
     // and for each its normal out, offset, vertices and kind (1 wall, 2 open), FACE doubles
     const int32_t *near_start, *near;
@@ -112,6 +110,9 @@ struct Cloud {
     const double *rate, *diameter, *density;
     uint32_t* bounces;
     float* memory;  // (n, 5): gas velocity seen at the end of the step, drag rate B, next step
+    // (n, 2): moves so far of a search that was broken off, steps since the call began. The cell of
+    // what is AWAY is -2 - j at ghost j, where the search goes on, or -1 for a stray.
+    int32_t* search;
 };
 
 // What a particle may meet in a cell, (materials, cells, PARTNER): number a volume, mean velocity,

@@ -70,6 +70,7 @@ PEAK, MORE_STEPS = 1.2, 1.4
 # cells that a triangle of the section becomes in a layer
 TETRAHEDRA = 3
 FILES = (*SECTION_FILES, "probes.csv", "sections.csv", "plane.png")
+UNESTIMATED = "an unsteady flow is solved on one mesh; what another numerics.level changes tells it"
 
 
 class DenseCells(Physics):
@@ -271,7 +272,8 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
         balances = flow.balances()
         if recorder.tracked is not None:
             balances |= recorder.tracked.balances()
-        return Answer("finished", flow.quantities(), balances, "pressure_drop")
+        found = flow.quantities()
+        return Answer("finished", found, balances, "pressure_drop", unestimated=UNESTIMATED)
 
     def _cloud(self, flow: UnsteadyFlow, recorder: FlowRecorder) -> Along | None:
         """Particles that go on with the gas, None where they follow it later or not at all."""
@@ -307,21 +309,26 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
         cells *= TETRAHEDRA if resolution.cell_shape == "triangle" else 1
         check_memory(BASE_MEMORY + CELL_MEMORY * cells, self.resolution)
 
+    def expected_time(self) -> float:
+        """About the CPU time of a run [s]."""
+        line = self.physics.line
+        cells, scales = line_cells(*line, MPI.COMM_SELF), len(self.model.scales)
+        step_time = STEP_TIME + STEP_SCALE_TIME * scales + cells * (CELL_TIME + SCALE_TIME * scales)
+        step_time *= SECOND_ORDER if self.numerics.order == 1 else 1.0
+        return step_time * self._steps(axial_layers(*line))
+
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
         physics = self.physics
         layers, end = axial_layers(*physics.line), self.numerics.end_time
-        cells = line_cells(*physics.line, MPI.COMM_SELF)
-        steps, scales = self._steps(layers), len(self.model.scales)
-        step_time = STEP_TIME + STEP_SCALE_TIME * scales + cells * (CELL_TIME + SCALE_TIME * scales)
-        step_time *= SECOND_ORDER if self.numerics.order == 1 else 1.0
+        cells, steps = line_cells(*physics.line, MPI.COMM_SELF), self._steps(layers)
         words = f"unsteady flow by the two-fluid model: all of 3D, {end:g} s"
         given = f"{dense.entering(self)}; starts from state {self.initial.state!r}"
         return describe(self, words, given) | {
             "meshes": f"{layers} layers of {cells // layers} cells",
             "finest_mesh": f"{cells} cells, about {cells * physics.unknowns} unknowns",
             "memory": f"about {BASE_MEMORY + CELL_MEMORY * cells:.0f} MB",
-            "time": f"about {step_time * steps:.0f} s for about {steps:.0f} steps",
+            "time": f"about {self.expected_time():.0f} s for about {steps:.0f} steps",
         }
 
     def _steps(self, layers: int) -> float:

@@ -278,14 +278,14 @@ def exchange_of(scene: Any, mesh: Any) -> Exchange | None:
 def slabs_of(
     scene: Any,
     station: Any,
-    recorder: Any,
+    comm: MPI.Comm,
     exchange: Exchange | None = None,
     heat: GasHeat | None = None,
 ) -> Slabs | None:
     """The particles of a march, None without any."""
     if scene.particles is None:
         return None
-    return Slabs(scene, carrier_of(scene, station, heat), recorder.comm, exchange)
+    return Slabs(scene, carrier_of(scene, station, heat), comm, exchange)
 
 
 class Slabs(Tracking):
