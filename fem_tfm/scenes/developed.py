@@ -29,7 +29,7 @@ from fem_tfm.scenes.judged.inputs import Uncertain, check_ranges, input_ranges
 from fem_tfm.scenes.judged.plausible import derived, estimates, out_of_range
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles import words as cloud_words
-from fem_tfm.scenes.particles.tracking import carrier_of, follow
+from fem_tfm.scenes.particles.tracking import carrier_of, follow, following_time
 from fem_tfm.scenes.physics import LARGEST_STEP, SectionPhysics
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.scene import Answer, Scene
@@ -170,7 +170,7 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
     def expected_time(self) -> float:
         """About the CPU time of a run whose forms are compiled [s]."""
         physics = self.physics
-        return physics.cost(physics.size()[1])["solve"]
+        return physics.cost(physics.size()[1])["solve"] + following_time(self)
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""

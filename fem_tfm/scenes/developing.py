@@ -31,10 +31,16 @@ from fem_tfm.parameters import parameter
 from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.developed import GAS_UNREAD, UNREAD, SectionScene, describe, time_words
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas, heat_of
-from fem_tfm.scenes.judged.coarser import LONGER, with_errors
+from fem_tfm.scenes.judged.coarser import (
+    LONGER,
+    SECOND,
+    SECOND_WORDS,
+    unavailable,
+    with_errors,
+)
 from fem_tfm.scenes.judged.finer import halved_mesh
 from fem_tfm.scenes.kinds import Kind, register
-from fem_tfm.scenes.particles.tracking import Slabs, exchange_of, slabs_of
+from fem_tfm.scenes.particles.tracking import Slabs, exchange_of, following_time, slabs_of
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.scene import Answer
 from fem_tfm.scenes.statement import MarchNumerics
@@ -128,7 +134,8 @@ class Developing(SectionScene["Physics", "LineRecorder"]):
     def expected_time(self) -> float:
         """About the CPU time of a run whose forms are compiled [s]."""
         physics = self.physics
-        return physics.stations() * physics.station_time * physics.size()[1]
+        march = physics.stations() * physics.station_time * physics.size()[1]
+        return march * (1.0 if unavailable(self) else SECOND) + following_time(self)
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
@@ -141,6 +148,7 @@ class Developing(SectionScene["Physics", "LineRecorder"]):
             "meshes": f"{1e3 * size:.3g} mm core cells at every station",
             "stations": f"about {stations}, more where much changes",
             "finest_mesh": f"{cells} cells, about {unknowns} unknowns",
+            "error_estimate": f"none: {why}" if (why := unavailable(self)) else SECOND_WORDS,
             "memory": f"about {cost['memory']:.0f} MB",
             "time": time_words(self.expected_time(), cost["compile"]),
         }
@@ -408,7 +416,7 @@ class LineRecorder(Recorder):
 
     def second(self) -> None:
         """The line is marched, and a second march tells its error."""
-        text = "error estimate: the line again with cells and steps twice as large"
+        text = f"error estimate: {SECOND_WORDS}"
         self.progress.stage(text)
         self.log(text)
 

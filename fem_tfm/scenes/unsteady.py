@@ -41,6 +41,7 @@ from fem_tfm.scenes.judged.places import check_places
 from fem_tfm.scenes.judged.plausible import check_flux, derived
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles.line import Along, follow_line
+from fem_tfm.scenes.particles.tracking import following_time
 from fem_tfm.scenes.physics import SECTION_FILES, Physics
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.samples import MEANS, Plane, Probes, Sections, Table, columns
@@ -315,7 +316,7 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
         cells, scales = line_cells(*line, MPI.COMM_SELF), len(self.model.scales)
         step_time = STEP_TIME + STEP_SCALE_TIME * scales + cells * (CELL_TIME + SCALE_TIME * scales)
         step_time *= SECOND_ORDER if self.numerics.order == 1 else 1.0
-        return step_time * self._steps(axial_layers(*line))
+        return step_time * self._steps(axial_layers(*line)) + following_time(self)
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""

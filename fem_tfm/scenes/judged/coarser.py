@@ -16,6 +16,9 @@ from fem_tfm.solvers import nested
 
 # steps of the coarser march over those of the march; its cells are twice as large, too
 LONGER = 2.0
+SECOND_WORDS = "the line again with cells and steps twice as large"
+# time of both marches over that of the first, measured on lines of both models
+SECOND = 1.2
 
 
 def with_errors(
