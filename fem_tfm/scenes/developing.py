@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -48,6 +49,8 @@ from fem_tfm.solvers.marching import MarchControl, Stop
 
 # first step in hydraulic diameters
 FIRST_STEP = 0.01
+# accuracy along the axis at which stations were counted
+FOLLOWED = 0.03
 # hears of the forms that are prepared
 type Compiling = Callable[[str], None]
 
@@ -168,10 +171,25 @@ class March:
 # -- what the models add ---------------------------------------------------------------------------
 
 
-class Marching:
-    """What the marches of all models have in common."""
+class Marching(ABC):
+    """What the marches of all models have in common.
 
+    first_stations : that follow the development at `FOLLOWED`
+    """
+
+    scene: Any
     balance_error: ClassVar[float]
+    first_stations: ClassVar[int]
+
+    @abstractmethod
+    def control(self) -> MarchControl:
+        """Steps of the march."""
+
+    def stations(self) -> int:
+        """About how many stations."""
+        control, length = self.control(), float(self.scene.geometry.length)
+        development = self.first_stations * math.sqrt(FOLLOWED / control.bend)
+        return math.ceil(development + length / control.largest)
 
     def check_balances(self, balances: Mapping[str, float]) -> None:
         """Refuse a line whose books do not agree.
@@ -215,14 +233,16 @@ class DenseMarch(Marching, Dense):
 
     units = TwoFluidLine.units
     line_words = "developing flow by the two-fluid model: steady, marched from the inlet"
-    # measured on the demo: stations that follow the development, CPU seconds a station and unknown
-    first_stations, station_time, largest_share = 60, 3.5e-5, 1 / 60
+    # measured on the demo: stations that follow the development, CPU seconds a station and unknown,
+    # and how much more they are for each field of turbulence that is transported
+    first_stations, alone_time, more_a_scale, largest_share = 60, 3.5e-5, 0.15, 1 / 60
     smallest_step, tolerance = 1e-5, 1e-10
     monitored = ("pressure_gradient", "holdup", "max_solids_fraction", "max_theta")
 
-    def stations(self) -> int:
-        """About how many stations."""
-        return math.ceil(self.first_stations + 1 / self.largest_share)
+    @property
+    def station_time(self) -> float:
+        """About the CPU time of a station and unknown [s]."""
+        return self.alone_time * (1 + self.more_a_scale * len(self.scene.model.scales))
 
     def control(self) -> MarchControl:
         """Steps in hydraulic diameters and shares of the length."""
@@ -280,12 +300,6 @@ class DuctMarch(Marching, DuctGas):
     # a march keeps stations to this relative update; the next one starts from there anyway
     smallest_step, tolerance, balance_error = 1e-6, 1e-8, 1e-6
     monitored = ("friction_factor", "centre_to_bulk", "secondary_velocity_max", "smallest_stress")
-
-    def stations(self) -> int:
-        """About how many stations."""
-        geometry = self.scene.geometry
-        diameters: float = geometry.length / geometry.hydraulic_diameter
-        return math.ceil(self.first_stations + diameters / self.largest_diameters)
 
     def control(self) -> MarchControl:
         """Steps in hydraulic diameters."""

@@ -64,8 +64,8 @@ UNKNOWNS, GAS_UNKNOWNS = 9, 4
 # measured at 6,000 and 9,600 cells: memory [MB] and CPU time of a cell and step [s]
 BASE_MEMORY, CELL_MEMORY, CELL_TIME, SCALE_TIME = 220, 0.014, 8e-6, 0.6e-6
 # measured at 400 to 1,000 cells: CPU time of a step whatever its cells, more for each scale [s];
-# a step of second order takes this often the time
-STEP_TIME, STEP_SCALE_TIME, SECOND_ORDER = 4e-3, 1.5e-3, 2.0
+# a step of second order takes this often the time; mesh, first step and files [s]
+STEP_TIME, STEP_SCALE_TIME, SECOND_ORDER, START_TIME = 4e-3, 1.5e-3, 2.0, 1.0
 # largest velocity in a section over the mean, and steps that random scenes take over those foreseen
 PEAK, MORE_STEPS = 1.2, 1.4
 # cells that a triangle of the section becomes in a layer
@@ -316,7 +316,8 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
         cells, scales = line_cells(*line, MPI.COMM_SELF), len(self.model.scales)
         step_time = STEP_TIME + STEP_SCALE_TIME * scales + cells * (CELL_TIME + SCALE_TIME * scales)
         step_time *= SECOND_ORDER if self.numerics.order == 1 else 1.0
-        return step_time * self._steps(axial_layers(*line)) + following_time(self)
+        stepping = step_time * self._steps(axial_layers(*line))
+        return START_TIME + stepping + following_time(self)
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""

@@ -34,6 +34,8 @@ def test_thirty_cases_of_every_kind_are_timed() -> None:
     [
         ("dense_pipe/algebraic", {"numerics__level": 5}),
         ("dense_pipe/developing", {"numerics__level": 3}),
+        ("dense_pipe/developing", {"numerics__axial_step": 0.005}),
+        ("dense_pipe/developing", {"numerics__axial_accuracy": 0.005}),
         ("square_duct/developing", {"geometry__length": 40.0}),
         ("square_duct/particles", {"particles__parcels": 2000}),
         ("dense_pipe/dune", {"numerics__end_time": 2.0}),
