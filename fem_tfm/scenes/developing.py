@@ -372,6 +372,8 @@ class LineRecorder(Recorder):
         self.columns = tuple(units)
         self.line: Line | None = None
         self.second_factorisations = 0
+        # share of the first march in the time of the run
+        self._first = 1.0 if unavailable(scene) else 1 / SECOND
         self._writer: FieldWriter | None = None
 
     @property
@@ -416,7 +418,7 @@ class LineRecorder(Recorder):
         message = f"z {place.z:.4g} of {line.length:.4g} m, {told}"
         if isinstance(line.coupler, Slabs):
             message += f"; {line.coupler.warning()}"
-        self.progress.update(self._fraction(place.z), message)
+        self.progress.update(self._first * self._fraction(place.z), message)
         self.log(f"station {len(line.rows) - 1}: step {place.last:.3g} m, {message}")
         if stop.change > line.control.exchange:
             changed = f"by {stop.change:.1e} in the last of {stop.passes} passes"
@@ -436,8 +438,8 @@ class LineRecorder(Recorder):
 
     def second_station(self, line: Line, stop: Stop) -> None:
         """Progress of the second march."""
-        message = f"z {stop.place.z:.4g} of {line.length:.4g} m"
-        self.progress.update(self._fraction(stop.place.z), message)
+        done = self._first + (1 - self._first) * self._fraction(stop.place.z)
+        self.progress.update(done, f"z {stop.place.z:.4g} of {line.length:.4g} m")
         self.check_time("while the error of the whole line was estimated")
 
     def second_ends(self, line: Line) -> None:
@@ -476,7 +478,7 @@ class LineRecorder(Recorder):
             on_root(self.comm, write)
 
     def _fraction(self, z: float) -> float:
-        """Share of the stations behind, which crowd within some diameters of the inlet."""
+        """Share of a march's stations behind, which crowd within some diameters of the inlet."""
         unit = 3 * self.scene.geometry.hydraulic_diameter
         return math.log1p(z / unit) / math.log1p(self.scene.geometry.length / unit)
 

@@ -16,6 +16,7 @@ from fem_tfm.output.result import Result
 from fem_tfm.output.summary import STEP_NOTE, error_notes
 from fem_tfm.scenes.judged import answer as judged
 from fem_tfm.scenes.judged.coarser import unavailable
+from fem_tfm.study import sweep
 
 # air that develops over 20 diameters
 AIR: dict[str, Any] = {
@@ -102,6 +103,18 @@ def test_a_coarser_march_without_an_answer_is_told(monkeypatch: pytest.MonkeyPat
     words = "the march with cells and steps twice as large has no answer: marching ends at z = 0 m"
     assert result.unestimated == words
     assert result.quantities["pressure_drop"].error_estimate is None
+
+
+def test_the_table_of_a_sweep_has_the_estimates(tmp_path: Path) -> None:
+    case = air(geometry__length=0.01)
+    vary = {"operation.gas_superficial_velocity": [19.0, 20.0]}
+    for point in sweep.run(case, vary, tmp_path).points:
+        error = point.errors["pressure_drop"]
+        assert error is not None
+        assert 0 < error < 0.2 * point.quantities["pressure_drop"]
+    head, *rows = (tmp_path / "sweep.csv").read_text().splitlines()
+    column = head.split(",").index("pressure_drop error [Pa]")
+    assert all(float(row.split(",")[column]) > 0 for row in rows)
 
 
 @pytest.mark.parametrize(
