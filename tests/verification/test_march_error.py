@@ -142,7 +142,7 @@ def test_why_there_is_no_estimate(
 
 @pytest.mark.mpi
 def test_ranks_agree_on_the_estimate() -> None:
-    case = air(geometry__length=0.02)
+    case = air(geometry__length=0.003)
     together, alone = case.scene.run(), case.scene.run(comm=MPI.COMM_SELF)
     for name in ("pressure_drop", "pressure_gradient"):
         error = alone.quantities[name].error_estimate
