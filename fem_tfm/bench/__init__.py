@@ -17,6 +17,7 @@ from fem_tfm.bench import (
     particles,
     stress,
     stress_unsteady,
+    times,
     unsteady,
     unsteady_error,
 )
@@ -31,6 +32,7 @@ BENCHMARKS: dict[str, Callable[[Path], str]] = {
     "stress-quick": lambda out: stress.run_quick(),
     "stress-turbulence": lambda out: stress.run_turbulent(),
     "stress-unsteady": lambda out: stress_unsteady.run(),
+    "times": lambda out: times.run(),
     "unsteady": lambda out: unsteady.run(),
     "unsteady-error": unsteady_error.run,
     "unsteady-error-log-law": lambda out: unsteady_error.run(out, "log-law"),

@@ -187,6 +187,7 @@ class Result:
     inputs : what some of them move the pressure gradient by
     estimates : what published correlations give for the same line, in words
     versions : of the programs used
+    unestimated : why the errors of the quantities are not known, an empty text where they are
     warnings : what was probably not meant, and what the answer does not hold for
     reason : why it failed or stopped
     directory : where its files are; not written
@@ -217,6 +218,7 @@ class Result:
     inferred: list[str] = field(default_factory=list)
     inputs: list[InputRange] = field(default_factory=list)
     estimates: list[str] = field(default_factory=list)
+    unestimated: str = ""
     versions: dict[str, str] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     reason: str = ""

@@ -22,6 +22,7 @@ INPUT_NOTE = (
     "± mesh: estimated error of the mesh alone; unprinted inputs: where the ranges below put the"
     " quantity, to first order and as if independent"
 )
+STEP_NOTE = "± mesh: change since a march with cells and steps twice as large; inputs carry none"
 SAMPLE_NOTE = "± of particles: twice the standard error of the parcels"
 TIME_NOTE = "±: twice the standard error of means over time and slugs; inputs carry none"
 COLOURS = {"converged": "green", "finished": "green", "failed": "red", "interrupted": "yellow"}
@@ -65,8 +66,10 @@ def error_notes(result: Result) -> list[str]:
     if result.flow == "slug":
         return [TIME_NOTE] * bool(known)
     sampled = {name for name in known if name.startswith("particle_exit")}
-    note = INPUT_NOTE if result.inputs else MESH_NOTE
-    return [note] * bool(known - sampled) + [SAMPLE_NOTE] * bool(sampled)
+    note = STEP_NOTE if result.solution == "developing" else MESH_NOTE
+    note = INPUT_NOTE if result.inputs else note
+    notes = [note] * bool(known - sampled) + [SAMPLE_NOTE] * bool(sampled)
+    return notes + [f"no error estimate: {result.unestimated}"] * bool(result.unestimated)
 
 
 def number(value: float | None, digits: int = 4) -> str:

@@ -24,12 +24,12 @@ from fem_tfm.output.result import Result
 from fem_tfm.parameters import parameter
 from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas
-from fem_tfm.scenes.judged.finer import finer_mesh, trusted
+from fem_tfm.scenes.judged.finer import halved_mesh, trusted
 from fem_tfm.scenes.judged.inputs import Uncertain, check_ranges, input_ranges
 from fem_tfm.scenes.judged.plausible import derived, estimates, out_of_range
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles import words as cloud_words
-from fem_tfm.scenes.particles.tracking import carrier_of, follow
+from fem_tfm.scenes.particles.tracking import carrier_of, follow, following_time
 from fem_tfm.scenes.physics import LARGEST_STEP, SectionPhysics
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.scene import Answer, Scene
@@ -133,7 +133,7 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
             start, meshes = "cold", physics.meshes(recorder.comm)
             restart = recorder.restart() if recorder.resume else None
             beyond = restart[0] + 1 - len(meshes) if restart else 0
-            meshes += [finer_mesh(physics, recorder.comm, n + 1) for n in range(beyond)]
+            meshes += [halved_mesh(physics, recorder.comm, n + 1) for n in range(beyond)]
             solution = nested.solve(meshes, setup, *limits, recorder, scheme, restart)
             spent += recorder.factorisations
         found = trusted(self, solution, limits, recorder)
@@ -146,6 +146,7 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
         answer = Answer(
             "converged",
             headline=physics.headline,
+            unestimated="" if len(solution.levels) > 1 else ONE_MESH,
             state=state,
             factorisations=spent,
             start=start,
@@ -166,6 +167,11 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
             *physics.skipped(),
         ]
 
+    def expected_time(self) -> float:
+        """About the CPU time of a run whose forms are compiled [s]."""
+        physics = self.physics
+        return physics.cost(physics.size()[1])["solve"] + following_time(self)
+
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
         physics = self.physics
@@ -176,11 +182,12 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
             "meshes": ", ".join(f"{1e3 * size:.3g} mm" for size in sizes) + " core cells in turn",
             "finest_mesh": f"{cells} cells, about {unknowns} unknowns",
             "memory": f"about {cost['memory']:.0f} MB",
-            "time": time_words(cost["solve"], cost["compile"]),
+            "time": time_words(self.expected_time(), cost["compile"]),
         }
 
 
 ANSWERED = ("quantities", "errors", "balances", "notes", "references")
+ONE_MESH = "one mesh alone has an answer; a higher numerics.level has two"
 
 
 def describe(scene: Scene[Any, Any], solved: str, given: str) -> dict[str, Any]:

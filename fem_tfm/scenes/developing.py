@@ -4,13 +4,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+from mpi4py import MPI
 
 from fem_tfm.errors import SolverError
+from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.geometry.shapes import Duct, Pipe
 from fem_tfm.models.line import Line
 from fem_tfm.models.reynolds_stress.line import ReynoldsStressLine
@@ -29,8 +32,16 @@ from fem_tfm.parameters import parameter
 from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.developed import GAS_UNREAD, UNREAD, SectionScene, describe, time_words
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas, heat_of
+from fem_tfm.scenes.judged.coarser import (
+    LONGER,
+    SECOND,
+    SECOND_WORDS,
+    unavailable,
+    with_errors,
+)
+from fem_tfm.scenes.judged.finer import halved_mesh
 from fem_tfm.scenes.kinds import Kind, register
-from fem_tfm.scenes.particles.tracking import Slabs, exchange_of, slabs_of
+from fem_tfm.scenes.particles.tracking import Slabs, exchange_of, following_time, slabs_of
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.scene import Answer
 from fem_tfm.scenes.statement import MarchNumerics
@@ -38,6 +49,14 @@ from fem_tfm.solvers.marching import MarchControl, Stop
 
 # first step in hydraulic diameters
 FIRST_STEP = 0.01
+# accuracy along the axis at which stations were counted
+FOLLOWED = 0.03
+# hears of the forms that are prepared
+type Compiling = Callable[[str], None]
+
+
+def unheard(what: str) -> None:
+    """Keep to oneself which form is prepared."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +100,7 @@ class Developing(SectionScene["Physics", "LineRecorder"]):
         if previous is not None:
             previous.close()
         physics = self.physics
-        line = physics.line(recorder)
+        line = physics.line(recorder.comm, recorder.compiling)
         if recorder.resume:
             recorder.restore(line)
         else:
@@ -91,17 +110,18 @@ class Developing(SectionScene["Physics", "LineRecorder"]):
         balances = line.balances()
         if isinstance(line.coupler, Slabs):
             balances |= line.coupler.balances(physics.force_on_particles(line))
-        worst = max(balances, key=lambda name: balances[name])
-        if not balances[worst] <= physics.balance_error:
-            raise SolverError(f"the balance of {worst} is broken by {balances[worst]:.1e}")
+        physics.check_balances(balances)
+        found, errors, unestimated = with_errors(self, line, recorder)
         return Answer(
             "finished",
-            line.quantities(),
+            found,
             balances,
             "pressure_drop",
+            errors=errors,
+            unestimated=unestimated,
             references=physics.references(),
             state=March(line),
-            factorisations=line.station.newton.factorisations,
+            factorisations=line.station.newton.factorisations + recorder.second_factorisations,
         )
 
     def skipped(self) -> list[str]:
@@ -114,6 +134,12 @@ class Developing(SectionScene["Physics", "LineRecorder"]):
             *physics.skipped(),
         ]
 
+    def expected_time(self) -> float:
+        """About the CPU time of a run whose forms are compiled [s]."""
+        physics = self.physics
+        march = physics.stations() * physics.station_time * physics.size()[1]
+        return march * (1.0 if unavailable(self) else SECOND) + following_time(self)
+
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
         physics = self.physics
@@ -125,8 +151,9 @@ class Developing(SectionScene["Physics", "LineRecorder"]):
             "meshes": f"{1e3 * size:.3g} mm core cells at every station",
             "stations": f"about {stations}, more where much changes",
             "finest_mesh": f"{cells} cells, about {unknowns} unknowns",
+            "error_estimate": f"none: {why}" if (why := unavailable(self)) else SECOND_WORDS,
             "memory": f"about {cost['memory']:.0f} MB",
-            "time": time_words(stations * physics.station_time * unknowns, cost["compile"]),
+            "time": time_words(self.expected_time(), cost["compile"]),
         }
 
 
@@ -142,6 +169,39 @@ class March:
 
 
 # -- what the models add ---------------------------------------------------------------------------
+
+
+class Marching(ABC):
+    """What the marches of all models have in common.
+
+    first_stations : that follow the development at `FOLLOWED`
+    """
+
+    scene: Any
+    balance_error: ClassVar[float]
+    first_stations: ClassVar[int]
+
+    @abstractmethod
+    def control(self) -> MarchControl:
+        """Steps of the march."""
+
+    def stations(self) -> int:
+        """About how many stations."""
+        control, length = self.control(), float(self.scene.geometry.length)
+        development = self.first_stations * math.sqrt(FOLLOWED / control.bend)
+        return math.ceil(development + length / control.largest)
+
+    def check_balances(self, balances: Mapping[str, float]) -> None:
+        """Refuse a line whose books do not agree.
+
+        Raises
+        ------
+        SolverError
+            a balance is broken.
+        """
+        worst = max(balances, key=lambda name: balances[name])
+        if not balances[worst] <= self.balance_error:
+            raise SolverError(f"the balance of {worst} is broken by {balances[worst]:.1e}")
 
 
 def march_control(scene: Any, largest: float, smallest: float, tolerance: float) -> MarchControl:
@@ -162,19 +222,27 @@ def march_control(scene: Any, largest: float, smallest: float, tolerance: float)
     )
 
 
-class DenseMarch(Dense):
+def fineness(physics: Physics, comm: MPI.Comm, coarser: bool) -> tuple[Mesh, MarchControl]:
+    """Mesh and steps of a march, or those with cells and steps twice as large."""
+    control = physics.control()
+    return halved_mesh(physics, comm, -coarser)(), control.coarser(LONGER) if coarser else control
+
+
+class DenseMarch(Marching, Dense):
     """A march of the two-fluid model."""
 
     units = TwoFluidLine.units
     line_words = "developing flow by the two-fluid model: steady, marched from the inlet"
-    # measured on the demo: stations that follow the development, CPU seconds a station and unknown
-    first_stations, station_time, largest_share = 60, 3.5e-5, 1 / 60
+    # measured on the demo: stations that follow the development, CPU seconds a station and unknown,
+    # and how much more they are for each field of turbulence that is transported
+    first_stations, alone_time, more_a_scale, largest_share = 60, 3.5e-5, 0.15, 1 / 60
     smallest_step, tolerance = 1e-5, 1e-10
     monitored = ("pressure_gradient", "holdup", "max_solids_fraction", "max_theta")
 
-    def stations(self) -> int:
-        """About how many stations."""
-        return math.ceil(self.first_stations + 1 / self.largest_share)
+    @property
+    def station_time(self) -> float:
+        """About the CPU time of a station and unknown [s]."""
+        return self.alone_time * (1 + self.more_a_scale * len(self.scene.model.scales))
 
     def control(self) -> MarchControl:
         """Steps in hydraulic diameters and shares of the length."""
@@ -182,19 +250,24 @@ class DenseMarch(Dense):
         tolerance = min(self.scene.numerics.tolerance, self.tolerance)
         return march_control(self.scene, largest, self.smallest_step, tolerance)
 
-    def line(self, recorder: LineRecorder) -> TwoFluidLine:
-        """The line before its inlet."""
+    def line(
+        self, comm: MPI.Comm, compiling: Compiling = unheard, coarser: bool = False
+    ) -> TwoFluidLine:
+        """The line before its inlet.
+
+        coarser : with cells and steps twice as large
+        """
         scene = self.scene
-        mesh = self.meshes(recorder.comm)[-1]()
-        station = TwoFluidSection(mesh, self.setup(), recorder.compiling, develops=True)
+        mesh, control = fineness(self, comm, coarser)
+        station = TwoFluidSection(mesh, self.setup(), compiling, develops=True)
         return TwoFluidLine(
             station,
             scene.geometry.length,
-            self.control(),
+            control,
             scene.feed.outlet_pressure or 0.0,
             scene.inlet,
             scene.solids_inlet,
-            slabs_of(scene, station, recorder),
+            slabs_of(scene, station, comm),
         )
 
     def force_on_particles(self, line: Line) -> float:
@@ -217,7 +290,7 @@ class DenseMarch(Dense):
         pictures.axis_picture(path, columns, TwoFluidLine.units, width, self.scene.title)
 
 
-class DuctMarch(DuctGas):
+class DuctMarch(Marching, DuctGas):
     """A march of the Reynolds-stress model."""
 
     units = ReynoldsStressLine.units
@@ -228,39 +301,38 @@ class DuctMarch(DuctGas):
     smallest_step, tolerance, balance_error = 1e-6, 1e-8, 1e-6
     monitored = ("friction_factor", "centre_to_bulk", "secondary_velocity_max", "smallest_stress")
 
-    def stations(self) -> int:
-        """About how many stations."""
-        geometry = self.scene.geometry
-        diameters: float = geometry.length / geometry.hydraulic_diameter
-        return math.ceil(self.first_stations + diameters / self.largest_diameters)
-
     def control(self) -> MarchControl:
         """Steps in hydraulic diameters."""
         largest = self.largest_diameters * self.scene.geometry.hydraulic_diameter
         tolerance = max(self.scene.numerics.tolerance, self.tolerance)
         return march_control(self.scene, largest, self.smallest_step, tolerance)
 
-    def line(self, recorder: LineRecorder) -> ReynoldsStressLine:
-        """The line before its inlet."""
+    def line(
+        self, comm: MPI.Comm, compiling: Compiling = unheard, coarser: bool = False
+    ) -> ReynoldsStressLine:
+        """The line before its inlet.
+
+        coarser : with cells and steps twice as large
+        """
         scene, heat = self.scene, None
-        mesh = self.meshes(recorder.comm)[-1]()
+        mesh, control = fineness(self, comm, coarser)
         exchange = exchange_of(scene, mesh.mesh)
         station = ReynoldsStressSection(
-            mesh, self.setup(), recorder.compiling, develops=True, exchange=exchange
+            mesh, self.setup(), compiling, develops=True, exchange=exchange
         )
         if scene.model.heat is not None:
-            recorder.compiling("heat")
+            compiling("heat")
             heat = heat_of(scene, station)
         return ReynoldsStressLine(
             station,
             scene.geometry.length,
-            self.control(),
+            control,
             scene.feed.outlet_pressure or 0.0,
             scene.model.gas,
             scene.inlet,
             heat,
             scene.model.heat,
-            slabs_of(scene, station, recorder, exchange, heat),
+            slabs_of(scene, station, comm, exchange, heat),
         )
 
     def force_on_particles(self, line: Line) -> float:
@@ -299,6 +371,9 @@ class LineRecorder(Recorder):
         super().__init__(scene, setting, units)
         self.columns = tuple(units)
         self.line: Line | None = None
+        self.second_factorisations = 0
+        # share of the first march in the time of the run
+        self._first = 1.0 if unavailable(scene) else 1 / SECOND
         self._writer: FieldWriter | None = None
 
     @property
@@ -343,7 +418,7 @@ class LineRecorder(Recorder):
         message = f"z {place.z:.4g} of {line.length:.4g} m, {told}"
         if isinstance(line.coupler, Slabs):
             message += f"; {line.coupler.warning()}"
-        self.progress.update(self._fraction(place.z), message)
+        self.progress.update(self._first * self._fraction(place.z), message)
         self.log(f"station {len(line.rows) - 1}: step {place.last:.3g} m, {message}")
         if stop.change > line.control.exchange:
             changed = f"by {stop.change:.1e} in the last of {stop.passes} passes"
@@ -354,6 +429,24 @@ class LineRecorder(Recorder):
     def retry(self, step: float, reason: str) -> None:
         """A line of the log for a step taken back."""
         self.log(f"taken back: {reason}; step {step:.3g} m")
+
+    def second(self) -> None:
+        """The line is marched, and a second march tells its error."""
+        text = f"error estimate: {SECOND_WORDS}"
+        self.progress.stage(text)
+        self.log(text)
+
+    def second_station(self, line: Line, stop: Stop) -> None:
+        """Progress of the second march."""
+        done = self._first + (1 - self._first) * self._fraction(stop.place.z)
+        self.progress.update(done, f"z {stop.place.z:.4g} of {line.length:.4g} m")
+        self.check_time("while the error of the whole line was estimated")
+
+    def second_ends(self, line: Line) -> None:
+        """What the second march has cost."""
+        newton = line.station.newton
+        self.log(f"{len(line.rows) - 1} stations on {line.station.mesh.num_cells} cells")
+        self.second_factorisations = newton.factorisations
 
     def restore(self, line: Line) -> None:
         """Put the checkpoint on a line."""
@@ -385,7 +478,7 @@ class LineRecorder(Recorder):
             on_root(self.comm, write)
 
     def _fraction(self, z: float) -> float:
-        """Share of the stations behind, which crowd within some diameters of the inlet."""
+        """Share of a march's stations behind, which crowd within some diameters of the inlet."""
         unit = 3 * self.scene.geometry.hydraulic_diameter
         return math.log1p(z / unit) / math.log1p(self.scene.geometry.length / unit)
 

@@ -35,6 +35,7 @@ FREE_TO_CHANGE = (
     "numerics.max_steps",
     "numerics.end_time",
     "numerics.time_limit",
+    "numerics.error_estimate",
 )
 
 
@@ -91,14 +92,17 @@ class Recorder:
             self._file.write(f"{time.perf_counter() - self._began:9.2f} s  {text}\n")
             self._file.flush()
 
-    def check_time(self) -> None:
-        """End a run that has used its time (collective); raises TimeIsUp."""
+    def check_time(self, doing: str = "") -> None:
+        """End a run that has used its time (collective); raises TimeIsUp.
+
+        doing : what the run was at, such as "while ..."
+        """
         limit = self.scene.numerics.time_limit
         if limit is None:
             return
         spent = self.comm.bcast(time.perf_counter() - self._began)
         if spent > limit:
-            raise TimeIsUp(f"numerics.time_limit = {limit:g} s is over")
+            raise TimeIsUp(f"numerics.time_limit = {limit:g} s is over {doing}".rstrip())
 
     def lap(self, stage: str) -> None:
         """Book the time since the last call under a stage."""

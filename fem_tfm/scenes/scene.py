@@ -8,6 +8,7 @@ subclass of `Scene`, and one `register` for each model that it can solve.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, MISSING, dataclass, field, fields, replace
@@ -214,6 +215,10 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out and why, and what it would take."""
 
+    def expected_time(self) -> float:
+        """About the CPU time of a run whose forms are compiled [s], nan where nothing tells it."""
+        return math.nan
+
     @abstractmethod
     def skipped(self) -> list[str]:
         """What the scene did not need, and why."""
@@ -340,6 +345,7 @@ class Answer:
     balances : relative errors [-]
     headline : the quantity that the last line of the log tells
     errors : estimated errors of quantities, where they are known
+    unestimated : why they are not known, an empty text where they are
     references : published values that belong to the flow
     notes : what this answer does without, beside what the scene skips
     inputs : what the inputs that the source does not print move the pressure gradient by
@@ -351,6 +357,7 @@ class Answer:
     balances: Mapping[str, float]
     headline: str
     errors: Mapping[str, float | None] = field(default_factory=dict)
+    unestimated: str = ""
     references: Mapping[str, Sequence[Published]] = field(default_factory=dict)
     notes: Sequence[str] = ()
     inputs: Sequence[InputRange] = ()
@@ -410,6 +417,7 @@ def _finish(scene: Scene[Any, Any], answer: Answer, recorder: Recorder) -> Resul
     errors = dict.fromkeys(told) | known
     result.quantities = with_references(scene, told, errors, answer.references)
     result.balances = dict(answer.balances)
+    result.unestimated = answer.unestimated
     result.skipped += answer.notes
     result.inputs = list(answer.inputs)
     result.estimates = scene.estimates(answer)

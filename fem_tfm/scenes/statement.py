@@ -92,6 +92,9 @@ class MarchNumerics(Parameters):
     axial_accuracy: float = parameter(
         0.03, "-", "how far a station may lie off the line through the two before it", gt=0, le=1
     )
+    error_estimate: bool = parameter(
+        True, doc="march a second time with cells and steps twice as large, for the error"
+    )
     time_limit: float | None = _time_limit()
     table: ClassVar[str] = "numerics"
 

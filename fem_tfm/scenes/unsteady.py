@@ -41,6 +41,7 @@ from fem_tfm.scenes.judged.places import check_places
 from fem_tfm.scenes.judged.plausible import check_flux, derived
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles.line import Along, follow_line
+from fem_tfm.scenes.particles.tracking import following_time
 from fem_tfm.scenes.physics import SECTION_FILES, Physics
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.samples import MEANS, Plane, Probes, Sections, Table, columns
@@ -63,13 +64,14 @@ UNKNOWNS, GAS_UNKNOWNS = 9, 4
 # measured at 6,000 and 9,600 cells: memory [MB] and CPU time of a cell and step [s]
 BASE_MEMORY, CELL_MEMORY, CELL_TIME, SCALE_TIME = 220, 0.014, 8e-6, 0.6e-6
 # measured at 400 to 1,000 cells: CPU time of a step whatever its cells, more for each scale [s];
-# a step of second order takes this often the time
-STEP_TIME, STEP_SCALE_TIME, SECOND_ORDER = 4e-3, 1.5e-3, 2.0
+# a step of second order takes this often the time; mesh, first step and files [s]
+STEP_TIME, STEP_SCALE_TIME, SECOND_ORDER, START_TIME = 4e-3, 1.5e-3, 2.0, 1.0
 # largest velocity in a section over the mean, and steps that random scenes take over those foreseen
 PEAK, MORE_STEPS = 1.2, 1.4
 # cells that a triangle of the section becomes in a layer
 TETRAHEDRA = 3
 FILES = (*SECTION_FILES, "probes.csv", "sections.csv", "plane.png")
+UNESTIMATED = "an unsteady flow is solved on one mesh; what another numerics.level changes tells it"
 
 
 class DenseCells(Physics):
@@ -271,7 +273,8 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
         balances = flow.balances()
         if recorder.tracked is not None:
             balances |= recorder.tracked.balances()
-        return Answer("finished", flow.quantities(), balances, "pressure_drop")
+        found = flow.quantities()
+        return Answer("finished", found, balances, "pressure_drop", unestimated=UNESTIMATED)
 
     def _cloud(self, flow: UnsteadyFlow, recorder: FlowRecorder) -> Along | None:
         """Particles that go on with the gas, None where they follow it later or not at all."""
@@ -307,21 +310,27 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
         cells *= TETRAHEDRA if resolution.cell_shape == "triangle" else 1
         check_memory(BASE_MEMORY + CELL_MEMORY * cells, self.resolution)
 
+    def expected_time(self) -> float:
+        """About the CPU time of a run [s]."""
+        line = self.physics.line
+        cells, scales = line_cells(*line, MPI.COMM_SELF), len(self.model.scales)
+        step_time = STEP_TIME + STEP_SCALE_TIME * scales + cells * (CELL_TIME + SCALE_TIME * scales)
+        step_time *= SECOND_ORDER if self.numerics.order == 1 else 1.0
+        stepping = step_time * self._steps(axial_layers(*line))
+        return START_TIME + stepping + following_time(self)
+
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
         physics = self.physics
         layers, end = axial_layers(*physics.line), self.numerics.end_time
-        cells = line_cells(*physics.line, MPI.COMM_SELF)
-        steps, scales = self._steps(layers), len(self.model.scales)
-        step_time = STEP_TIME + STEP_SCALE_TIME * scales + cells * (CELL_TIME + SCALE_TIME * scales)
-        step_time *= SECOND_ORDER if self.numerics.order == 1 else 1.0
+        cells, steps = line_cells(*physics.line, MPI.COMM_SELF), self._steps(layers)
         words = f"unsteady flow by the two-fluid model: all of 3D, {end:g} s"
         given = f"{dense.entering(self)}; starts from state {self.initial.state!r}"
         return describe(self, words, given) | {
             "meshes": f"{layers} layers of {cells // layers} cells",
             "finest_mesh": f"{cells} cells, about {cells * physics.unknowns} unknowns",
             "memory": f"about {BASE_MEMORY + CELL_MEMORY * cells:.0f} MB",
-            "time": f"about {step_time * steps:.0f} s for about {steps:.0f} steps",
+            "time": f"about {self.expected_time():.0f} s for about {steps:.0f} steps",
         }
 
     def _steps(self, layers: int) -> float:

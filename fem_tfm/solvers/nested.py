@@ -113,8 +113,9 @@ def solve_level(
 ) -> History:
     """Steady state of one section from a cold start, or from another mesh's answer.
 
-    A warm start takes the largest step at once; if it gets nowhere the section starts cold, at
-    first quickly, then carefully. What still fails is solved with raised terms of the mesh, first
+    A warm start takes the largest step at once; where it falls back to steps below the first one
+    of a cold start it has lost its lead, and the section starts cold, at first quickly, then
+    carefully. What still fails is solved with raised terms of the mesh, first
     those that calm it down, which are then lowered as far as the solution follows; the section
     tells how far that was.
 
@@ -128,7 +129,8 @@ def solve_level(
     careful = _march(section, replace(control, **CAREFUL), observer)
     ways: list[Way] = [(march.run, scheme.cold), (careful.run, scheme.cold)]
     if previous is not None:
-        ways.insert(0, (partial(march.run, control.largest), partial(_from, previous, scheme)))
+        lead = _march(section, replace(control, smallest=control.first), observer)
+        ways.insert(0, (partial(lead.run, control.largest), partial(_from, previous, scheme)))
     if scheme.ease is not None and scheme.calm is not None:
         starts = scheme.calm, scheme.cold
         ways += _eased_ways(section, control, observer, scheme.ease, *starts)

@@ -24,7 +24,8 @@ from fem_tfm.output.result import (
 KEYS = {
     "status", "flow", "solution", "cells", "dofs", "ranks", "seconds", "cpu_seconds",
     "peak_memory_mb", "quantities", "balances", "skipped", "inferred", "inputs",
-    "estimates", "versions",
+    "estimates",
+        "unestimated", "versions",
 }  # fmt: skip
 
 

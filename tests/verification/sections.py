@@ -31,16 +31,17 @@ def solve(case: Case, comm: MPI.Comm = MPI.COMM_WORLD, meshes: Any = None) -> ne
 
 def line_of(case: Case, comm: MPI.Comm = MPI.COMM_WORLD) -> Line:
     """The line of a developing case before its inlet."""
-    return case.scene.physics.line(case.scene.recorder(Setting(comm=comm)))
+    return case.scene.physics.line(comm)
 
 
 def march(case: Case, out: Path | None = None, resume: bool = False, most: int = 0) -> Line:
-    """The line of a developing case, marched to its outlet, with its balances checked.
+    """The line of a developing case, marched once to its outlet, with its balances checked.
 
     out : where checkpoints are kept
     most : stations after which the user interrupts, 0 for never
     """
-    recorder = case.scene.recorder(Setting(out, resume=resume))
+    scene = case.with_values({"numerics.error_estimate": False}).scene
+    recorder = scene.recorder(Setting(out, resume=resume))
     accept = recorder.station
 
     def station(line: Line, stop: Any) -> None:
@@ -49,7 +50,7 @@ def march(case: Case, out: Path | None = None, resume: bool = False, most: int =
             raise KeyboardInterrupt
 
     recorder.station = station
-    return case.scene.solve(recorder).state.line
+    return scene.solve(recorder).state.line
 
 
 def drive(solution: nested.Solution) -> float:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,8 @@ from fem_tfm.models.two_fluid.section import TwoFluidSection as Section
 from fem_tfm.scenes import dense
 from fem_tfm.solvers import easing, nested
 from fem_tfm.solvers.easing import MeshTerms
+from fem_tfm.solvers.newton import LinearSolveError
+from fem_tfm.solvers.pseudo_time import PseudoTime
 
 BASE = Case.load(Path(__file__).parents[2] / DEMO)
 # models that the quick tests cover; each of the others costs its compilation and no more
@@ -152,6 +155,32 @@ def test_warm_start_is_cheap() -> None:
     assert history.update <= 1e-9
     assert float(section.drive.value) == pytest.approx(drive(cold), rel=1e-7)
     assert section.newton.factorisations <= sum(factorisations(cold)) / 4
+
+
+def test_a_warm_start_that_loses_its_lead_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes no step below the first one of the cold start that follows."""
+    given, step = solved(numerics__level=1), PseudoTime._step
+    section = Section(given.section.mesh, given.section.setup)
+    astray, tried = [True], list[float]()
+
+    def fails(march: PseudoTime, dt: float) -> dict[str, float]:
+        if astray:
+            march._keep()
+            tried.append(dt)
+            raise LinearSolveError("astray")
+        return step(march, dt)
+
+    def cold(found: Section) -> None:
+        astray.clear()
+        dense.SCHEME.cold(found)
+
+    monkeypatch.setattr(PseudoTime, "_step", fails)
+    scheme = replace(dense.SCHEME, cold=cold)
+    control = dense.SCHEME.control(section, 1e-9, 200)
+    nested.solve_level(section, control, given.section, nested.QUIET, scheme)
+    assert tried[0] == control.largest
+    assert control.first <= tried[-1] < 100 * control.first
+    assert float(section.drive.value) == pytest.approx(drive(given), rel=1e-7)
 
 
 def test_a_calm_flow_leads_to_the_same_answer() -> None:

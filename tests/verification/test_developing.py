@@ -30,6 +30,7 @@ COARSE = {
     "operation.solids_fraction": 0.245,
     "operation.solids_velocity": 6.09,
     "numerics.mesh_size": 2.5e-3,
+    "numerics.error_estimate": False,
 }
 EXACT = 1e-10
 FOUR = {"closures__turbulence": "realizable", "closures__dispersed": "k-epsilon"}

@@ -13,7 +13,7 @@ from fem_tfm.output.split_picture import PARTS
 # an estimated error above this share of its quantity tells that meshes disagree
 LARGEST_ERROR = 0.2
 # quantities whose estimate must be below it
-TRUSTED = ("pressure_gradient", "holdup", "friction_factor")
+TRUSTED = ("pressure_gradient", "pressure_drop", "holdup", "friction_factor")
 # drop over the absolute pressure from which a gas of one density is wrong, and very wrong
 NOTICED_DROP, LARGEST_DROP = 0.1, 0.4
 # a march whose quantities still change beyond this share of the line has not developed
@@ -35,15 +35,15 @@ def judge(scene: Any, answer: Any) -> list[str]:
 
 def doubtful(scene: Any, found: Mapping[str, float], errors: Mapping[str, float | None]) -> str:
     """Why the meshes disagree, an empty text where they do not."""
+    lengths = {"pressure_gradient": scene.geometry.length, "pressure_drop": 1.0}
     for name in TRUSTED:
         error = errors.get(name)
         if error is None or name not in found:
             continue
         size = abs(found[name])
-        if name == "pressure_gradient":
+        if name in lengths:
             # a drop in which weight and friction cancel is as exact as its parts
-            parts = sum(abs(found.get(part, 0.0)) for part in PARTS)
-            size = max(size, parts / scene.geometry.length)
+            size = max(size, sum(abs(found.get(part, 0.0)) for part in PARTS) / lengths[name])
         if not error <= LARGEST_ERROR * size:
             words = name.replace("_", " ")
             return (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Finer meshes for a section whose meshes disagree."""
+"""Meshes with halved and doubled cells, and answers on finer ones where meshes disagree."""
 
 from __future__ import annotations
 
@@ -19,10 +19,17 @@ from fem_tfm.solvers import nested
 MOST_MESHES, MOST_UNKNOWNS = 2, 60_000
 
 
-def finer_mesh(physics: Any, comm: MPI.Comm, number: int) -> Callable[[], Mesh]:
-    """Maker of a mesh that is finer than the finest of a scene by factors of two."""
-    size = physics.resolution.core_size(physics.section) / 2**number
-    return partial(section_mesh, physics.section, replace(physics.resolution, mesh_size=size), comm)
+def halved_mesh(physics: Any, comm: MPI.Comm, number: int) -> Callable[[], Mesh]:
+    """Maker of a mesh whose cells are so often half as large as on the finest mesh of a scene.
+
+    number : below zero for cells that are twice as large
+
+    Raises InputError where the section carries no such mesh.
+    """
+    section, size = physics.section, physics.resolution.core_size(physics.section) / 2**number
+    resolution = replace(physics.resolution, mesh_size=size)
+    resolution.core_size(section)
+    return partial(section_mesh, section, resolution, comm)
 
 
 def trusted(
@@ -44,7 +51,7 @@ def trusted(
             break
         recorder.tell(f"{doubt}; a finer mesh follows")
         try:
-            mesh = finer_mesh(physics, recorder.comm, number)
+            mesh = halved_mesh(physics, recorder.comm, number)
             nested.refine(solution, mesh, physics.setup(), *limits, recorder, physics.scheme)
         except InputError:
             # the section carries no finer mesh

@@ -122,26 +122,48 @@ def _of_the_solids(scene: Any) -> Iterator[Derived]:
     yield Derived("loading, solids over gas by mass", loading(scene), "", doubt)
     yield Derived("wall distance in grain diameters", scene.wall_offset / solids.diameter, "")
     if feed.gravity > 0:
-        yield from _of_settling(scene, solids.density * flux * scene.geometry.area)
+        yield from _of_settling(scene)
     yield from _of_the_drop(scene, solids.density * flux)
 
 
-def _of_settling(scene: Any, mass_flow: float) -> Iterator[Derived]:
+def rouse_number(scene: Any) -> float:
+    """w_t/(kappa u_tau) of the grains [-]."""
+    gas, feed, width = scene.model.gas, scene.feed, scene.geometry.hydraulic_diameter
+    falling = terminal_velocity(gas, scene.model.solids, feed.gravity)
+    u_tau = friction_velocity(feed.gas_velocity, width, gas.viscosity / gas.density)
+    return float(falling / (KARMAN * u_tau))
+
+
+def saltation_velocity(scene: Any) -> float:
+    """Superficial velocity of the gas below which grains begin to settle, by Rizk [m/s]."""
+    solids, width = scene.model.solids, scene.geometry.hydraulic_diameter
+    flow = solids.density * solids_flux(scene) * scene.geometry.area
+    return float(rizk_velocity(flow, width, scene.model.gas, solids, scene.feed.gravity))
+
+
+def expects_bed(scene: Any) -> bool:
+    """Whether grains settle in a line by Rizk, level or nearly so."""
+    if scene.model.solids is None or not scene.feed.gravity > 0:
+        return False
+    level = abs(scene.geometry.inclination_deg) <= STEEP
+    return level and bool(scene.feed.gas_velocity < saltation_velocity(scene))
+
+
+def _of_settling(scene: Any) -> Iterator[Derived]:
     """Whether grains stay up; told, not doubted: beds are what the model is for."""
     gas, solids, feed = scene.model.gas, scene.model.solids, scene.feed
-    width, nu = scene.geometry.hydraulic_diameter, gas.viscosity / gas.density
     falling = terminal_velocity(gas, solids, feed.gravity)
     yield Derived("terminal velocity of a grain", falling, "m/s")
     if abs(scene.geometry.inclination_deg) > STEEP:
         yield _of_clusters(scene, falling)
         return
     if scene.reynolds > TURBULENT:
-        rouse = falling / (KARMAN * friction_velocity(feed.gas_velocity, width, nu))
+        rouse = rouse_number(scene)
         words = "between"
         if not SUSPENDED <= rouse <= SETTLED:
             words = "suspended" if rouse < SUSPENDED else "settles or bounces"
         yield Derived("Rouse number", rouse, f"({words})")
-    rizk = rizk_velocity(mass_flow, width, gas, solids, feed.gravity)
+    rizk = saltation_velocity(scene)
     words = "above: no bed is to be expected"
     if feed.gas_velocity < rizk:
         words = "below: a bed is to be expected"

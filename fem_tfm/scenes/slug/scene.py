@@ -327,15 +327,22 @@ class Slug(Scene[Physics, TubeRecorder]):
             )
         return said
 
+    @property
+    def expected_grains(self) -> float:
+        """About how many grains are inside when slugs form: a fifth of the volume."""
+        grain = self.model.solids.mean_mass / self.model.solids.density
+        return float(0.2 * self.geometry.length * self.geometry.area / grain)
+
+    def expected_time(self) -> float:
+        """About the CPU time of a run [s]."""
+        tube, steps = self.tube(), self.numerics.end_time / self.numerics.gas_step
+        grains = tube.inner_steps * self.expected_grains
+        return float(steps * (GAS_TIME * tube.gas.tube.size + grains * GRAIN_TIME))
+
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
-        tube, feed, model = self.tube(), self.feed, self.model
+        tube, feed, model, grains = self.tube(), self.feed, self.model, self.expected_grains
         per_second = feed.solids_mass_flow / model.solids.mean_mass
-        # a tube holds about a fifth of its volume in grains when slugs form
-        volume = self.geometry.length * self.geometry.area
-        inside = 0.2 * volume / (model.solids.mean_mass / model.solids.density)
-        steps = self.numerics.end_time / self.numerics.gas_step
-        time = steps * (GAS_TIME * tube.gas.tube.size + tube.inner_steps * inside * GRAIN_TIME)
         return {
             "title": self.title or "untitled",
             "solved": "slug conveying by discrete elements in the pressure field of the gas",
@@ -360,7 +367,7 @@ class Slug(Scene[Physics, TubeRecorder]):
                 f" {self.stretch[1]:.3g} m"
             ),
             "memory": f"about {MEMORY} MB",
-            "time": f"about {time:.0f} s, if {inside:.0f} grains are inside",
+            "time": f"about {self.expected_time():.0f} s, if {grains:.0f} grains are inside",
         }
 
 
