@@ -136,7 +136,7 @@ struct Walk {
                 }
                 cell[k] = next;
                 moved = true;
-                if (grid.curved[next]) break;
+                if (grid.any_curved && grid.curved[next]) break;
                 beyond_facets(grid, next, at, k, beyond);
                 most = 0.5f * TOLERANCE;
             }

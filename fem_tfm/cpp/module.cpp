@@ -25,6 +25,9 @@ void advance(const kernel::Job&, int64_t, int64_t, kernel::Output&);
 namespace kernel_avx2 {
 void advance(const kernel::Job&, int64_t, int64_t, kernel::Output&);
 }
+namespace kernel_avx512 {
+void advance(const kernel::Job&, int64_t, int64_t, kernel::Output&);
+}
 #endif
 
 namespace nb = nanobind;
@@ -44,10 +47,20 @@ bool has_avx2() {
 #endif
 }
 
+bool has_avx512() {
+#if defined(KERNEL_AVX2)
+    return has_avx2() && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
+           __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
+#else
+    return false;
+#endif
+}
+
 kernel::Advance variant(const std::string& name) {
     if (name == "plain") return kernel_plain::advance;
 #if defined(KERNEL_AVX2)
     if (name == "avx2" && has_avx2()) return kernel_avx2::advance;
+    if (name == "avx512" && has_avx512()) return kernel_avx512::advance;
 #endif
     throw std::invalid_argument("no such variant on this processor: " + name);
 }
@@ -364,7 +377,7 @@ NB_MODULE(_kernel, m) {
     m.attr("DRAG_FIRST") = kernel::DRAG_FIRST;
     m.attr("DRAG_OCTAVES") = kernel::DRAG_OCTAVES;
     m.attr("DRAG_PIECES") = kernel::DRAG_PIECES;
-    m.attr("VARIANT") = has_avx2() ? "avx2" : "plain";
+    m.attr("VARIANT") = has_avx512() ? "avx512" : has_avx2() ? "avx2" : "plain";
     nb::class_<Grid>(m, "Grid")
         .def(nb::init<int, nb::dict, int, int>(), "cells"_a, "arrays"_a, "nodes"_a, "folds"_a);
     nb::class_<Impacts>(m, "Impacts").def(nb::init<>()).def("sorted", &sorted);

@@ -9,6 +9,7 @@ from grids import duct, gas
 from mpi4py import MPI
 from test_scatter import life, stress, velocity
 
+import fem_tfm._kernel as _kernel
 from fem_tfm.closures.particles.impact import Restitution
 from fem_tfm.materials import Solids
 from fem_tfm.models.particles import tracker as module
@@ -69,6 +70,18 @@ def test_threads(reference: tuple[Parcels, Sinks, Impacts]) -> None:
     for name, values in reference[2].arrays().items():
         assert np.array_equal(impacts.arrays()[name], values), name
     assert len(impacts.arrays()["id"]) == parcels.bounces.sum() > 100
+
+
+def test_instruction_sets(reference: tuple[Parcels, Sinks, Impacts]) -> None:
+    """The same lanes with twice the registers."""
+    if _kernel.VARIANT != "avx512":
+        pytest.skip("a processor with one kind of vectors")
+    gas_field, parcels = field(), cloud()
+    sinks = Sinks.of(gas_field.grid, parcels)
+    other = Tracker([ASH, FLOUR], dispersion="langevin", impact=WALL, seed=7, variant="avx2")
+    other.advance(parcels, gas_field, until_z=0.7, sinks=sinks)
+    same(parcels, reference[0])
+    assert np.array_equal(sinks.sums, reference[1].sums)
 
 
 def test_order(reference: tuple[Parcels, Sinks, Impacts]) -> None:

@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 import fem_tfm._kernel as _kernel
 from fem_tfm.models.particles.grid import Floats, Grid
+from fem_tfm.models.particles.shapes import aligned
 
 # places in a row
 VELOCITY, RATE, TIME, FACTOR = slice(0, 3), 3, 4, slice(5, 11)
@@ -114,11 +115,8 @@ class Field:
 
 
 def empty_rows(count: int) -> npt.NDArray[np.float32]:
-    """Rows of a gas at rest, aligned to what a processor loads at once."""
-    width = _kernel.ROW
-    space = np.zeros(count * width + width, dtype=np.float32)
-    start = (-space.ctypes.data // 4) % width
-    rows = space[start : start + count * width].reshape(count, width)
+    """Rows of a gas at rest."""
+    rows = aligned(count, _kernel.ROW)
     rows[:, RATE], rows[:, TIME] = 1 / CALM, CALM
     return rows
 

@@ -21,6 +21,8 @@ type Floats = npt.NDArray[np.float64]
 
 # where the inverse of the Jacobian and the coefficients of the map stand in a row of the kernel
 INVERSE, COEFFICIENTS = {2: 4, 3: 6}, {2: 8, 3: 16}
+# floats of a line of the processor's cache
+LINE = 16
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,7 @@ class Cell:
         c = self.coefficients(nodes)
         jacobian = self.jacobians(c, self.origin)
         inverse = np.linalg.inv(jacobian)
-        rows = np.zeros((len(nodes), self.width), dtype=np.float32)
+        rows = aligned(len(nodes), self.width)
         high = c[:, 0].astype(np.float32)
         for i in range(self.dim):
             rows[:, 2 * i] = high[:, i]
@@ -105,7 +107,7 @@ class Cell:
         step = 8 if self.dim == 2 else count
         for i in range(self.dim if curved.any() else 0):
             rows[:, start + i * step : start + i * step + count] = c[:, 1:, i]
-        return np.ascontiguousarray(rows), np.ascontiguousarray(curved.astype(np.uint8))
+        return rows, np.ascontiguousarray(curved.astype(np.uint8))
 
     def sizes(self, nodes: Floats) -> Floats:
         """Areas or volumes."""
@@ -117,6 +119,13 @@ class Cell:
                 for point, weight in zip(points, weights, strict=True)
             )
         )
+
+
+def aligned(count: int, width: int) -> npt.NDArray[np.float32]:
+    """Rows of zeros that begin where a line of the processor's cache does."""
+    space = np.zeros(count * width + LINE, dtype=np.float32)
+    start = (-space.ctypes.data // 4) % LINE
+    return space[start : start + count * width].reshape(count, width)
 
 
 def monomial(x: Floats, powers: tuple[int, ...]) -> Floats:

@@ -117,7 +117,7 @@ class Tracker:
     forces, dispersion, impact, steps : laws and step lengths
     seed : of all random numbers
     threads : of this process
-    variant : of the kernel, "avx2" or "plain"; the best by default
+    variant : of the kernel, "avx512", "avx2" or "plain"; the best by default
 
     Raises
     ------
