@@ -33,6 +33,12 @@ OTHER = {
     "walls.gas": "no-slip",
     "walls.solids": {"model": "johnson-jackson", "friction_angle_deg": 20.0},
 }
+# what is off by default
+OPTIONS = {
+    "closures.slip_production": "koch",
+    "closures.free_path": "agrawal",
+    "closures.pressure_force": "alpha",
+}
 # plastic pressures at the demo's friction limit: 1e14 Pa would drown the other terms in round-off
 MILD = {name: {"model": name, "coefficient": 1e12} for name in ("schaeffer", "syamlal")}
 FEEDS = "closures.friction_feeds_theta"
@@ -93,7 +99,7 @@ def disturbed(changes: dict[str, Any]) -> Section:
 @cache
 def section(which: str) -> Section:
     """A disturbed section by the name of its closures."""
-    return disturbed({"default": DEFAULT, "other": OTHER}[which])
+    return disturbed({"default": DEFAULT, "other": OTHER, "options": OPTIONS}[which])
 
 
 @dataclass(frozen=True)
@@ -157,7 +163,7 @@ EMPTY = {"u_g": {"q"}, "p": {"q", "c"}, "u_s": set(), "q": set(), "c": {"u_g", "
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("which", ["default", "other"])
+@pytest.mark.parametrize("which", ["default", "other", "options"])
 def test_every_block(which: str, name: str) -> None:
     """Columns of one field: right to 1e-6 in every row, and empty only where they must be."""
     errors = compare(section(which), name)
