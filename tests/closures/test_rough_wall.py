@@ -98,7 +98,7 @@ def test_heat_of_a_flat_wall_is_that_of_a_maxwellian(material: str, u: float) ->
 def test_a_flat_wall_has_the_friction_of_schneiderbauer(coal: Solids, slip: float) -> None:
     state = WallState(0.45, 0.04, 9.0, 6.0, slip)
     flat = make("solids-wall", "schneiderbauer").friction(state, coal)
-    law = make("solids-wall", {"model": "rough", "roughness_deg": 0.0})
+    law = rough(0.0, slip_floor=1e-2)
     assert law.friction(state, coal) == pytest.approx(flat, rel=1e-8)
 
 
