@@ -28,7 +28,7 @@ EXPECTED = {
     "gas-wall": "free-slip log-law log-law-k low-reynolds no-slip",
     "granular": "garzo-dufty gidaspow hrenya-sinclair lun syamlal-obrien",
     "radial": "carnahan-starling lun-savage ma-ahmadi savage sinclair-jackson",
-    "solids-wall": "coulomb free-slip johnson-jackson no-slip schneiderbauer",
+    "solids-wall": "coulomb free-slip johnson-jackson no-slip rough schneiderbauer",
     "turbulence": "laminar mixing-length k-epsilon realizable",
     "dispersed": "none simonin k-epsilon",
     "dispersion": "none burns simonin",

@@ -19,6 +19,7 @@ LAWS: dict[str, Any] = {
     "rough": {"model": "johnson-jackson", "specularity": 1.0},
     "smooth": {"model": "johnson-jackson", "specularity": 0.01, "friction_angle_deg": 20.0},
     "schneiderbauer": "schneiderbauer",
+    "facets": {"model": "rough", "roughness_deg": 5.0, "roughness_height": 1.0},
     "coulomb": "coulomb",
 }
 Values = Any

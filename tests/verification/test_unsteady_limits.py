@@ -440,7 +440,9 @@ def wall_friction(
     return share * float(wall.friction(state, solids))
 
 
-@pytest.mark.parametrize("law", ["free-slip", "coulomb", "johnson-jackson", "schneiderbauer"])
+@pytest.mark.parametrize(
+    "law", ["free-slip", "coulomb", "johnson-jackson", "rough", "schneiderbauer"]
+)
 def test_walls_slow_grains_as_their_law_says(law: str) -> None:
     # a slice of grains without gas between four walls: the drop of its momentum is the traction
     size, dt, alpha, speed = 0.01, 1e-5, 0.3, 1.0
