@@ -105,7 +105,7 @@ def lines() -> dict[str, dict[str, Any]]:
         "gas alone, march": column | {"solution": "developing"},
         "gas alone, unsteady": column
         | {"solution": "unsteady", "numerics": {"level": 1, "axial_cells": 20, "end_time": 1.0}},
-        "readme": pipe(0.05, 30.0, 12.0, 1.0, {"density": 1400.0, "diameter": 2e-4}),
+        "line of the README": pipe(0.05, 30.0, 12.0, 1.0, {"density": 1400.0, "diameter": 2e-4}),
     }
 
 
