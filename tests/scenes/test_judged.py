@@ -177,3 +177,11 @@ def test_references_are_kept_while_the_flow_is_theirs(
 def test_a_reference_that_comes_with_the_change_is_kept(dense: dict[str, Any]) -> None:
     case = Case.from_dict(dense).with_values({"geometry.length": 0.5, "reference": REFERENCE})
     assert len(case.scene.references) == 1
+
+
+def test_a_wall_law_of_dilute_flow_says_where_a_line_is_dense() -> None:
+    scene = Case.from_dict(LINE).with_values({"walls.solids": "rough"}).scene
+    (warning,) = judge(scene, found(holdup=0.19))
+    assert "meant for a hold-up of up to 0.05, and this line has 0.19" in warning
+    assert judge(scene, found(holdup=0.02)) == []
+    assert judge(Case.from_dict(LINE).scene, found(holdup=0.19)) == []

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from fem_tfm.closures.base import parameter, register
 from fem_tfm.closures.ops import Value, atan, erf, exp, radians, smooth_norm, sqrt, tan
@@ -78,6 +78,7 @@ class Rough(Schneiderbauer):
     Schneiderbauer et al. (2012), Int. J. Multiphase Flow 43, 149-156; integrated here.
     """
 
+    densest: ClassVar[float] = 0.05
     roughness_deg: float = parameter(
         3.0, "deg", "standard deviation sigma_0 of the tilt of the wall", ge=0, le=30
     )

@@ -48,9 +48,14 @@ class WallState:
 
 
 class SolidsWall(Closure):
-    """Interface of a wall law of the solids."""
+    """Interface of a wall law of the solids.
+
+    strong : whether it holds the grains at rest
+    densest : mean fraction of the solids up to which it is meant [-]
+    """
 
     strong: ClassVar[bool] = False
+    densest: ClassVar[float] = 1.0
 
     @abstractmethod
     def friction(self, state: WallState, solids: Solids) -> Value:

@@ -30,7 +30,8 @@ def judge(scene: Any, answer: Any) -> list[str]:
     """
     if doubt := doubtful(scene, answer.quantities, answer.errors):
         raise SolverError(f"{doubt}; the meshes disagree, so there is no answer")
-    return [*_expansion(scene, answer.quantities), *_development(scene, answer.quantities)]
+    found = answer.quantities
+    return [*_expansion(scene, found), *_development(scene, found), *_crowding(scene, found)]
 
 
 def doubtful(scene: Any, found: Mapping[str, float], errors: Mapping[str, float | None]) -> str:
@@ -106,4 +107,15 @@ def _development(scene: Any, found: Mapping[str, float]) -> list[str]:
         f"the flow is not developed at the outlet: it changes by more than 1 % up to"
         f" {place:.4g} of {length:.4g} m, so pressure_gradient and entrance_pressure_drop are"
         " those of this length"
+    ]
+
+
+def _crowding(scene: Any, found: Mapping[str, float]) -> list[str]:
+    """Whether a wall law of the solids is met by more of them than it is meant for."""
+    wall, held = getattr(scene.model, "solids_wall", None), found.get("holdup")
+    if wall is None or held is None or held <= wall.densest:
+        return []
+    return [
+        f"walls.solids = {wall.name!r} is meant for a hold-up of up to {wall.densest:g}, and this"
+        f" line has {held:.2g}: the law heats the grains too much there, and the drop is too large"
     ]
