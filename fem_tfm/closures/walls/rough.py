@@ -78,6 +78,7 @@ class Rough(Schneiderbauer):
     Schneiderbauer et al. (2012), Int. J. Multiphase Flow 43, 149-156; integrated here.
     """
 
+    flat: ClassVar[bool] = False
     densest: ClassVar[float] = 0.05
     roughness_deg: float = parameter(
         3.0, "deg", "standard deviation sigma_0 of the tilt of the wall", ge=0, le=30

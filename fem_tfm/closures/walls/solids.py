@@ -51,10 +51,12 @@ class SolidsWall(Closure):
     """Interface of a wall law of the solids.
 
     strong : whether it holds the grains at rest
+    flat : whether grains that bounce off it keep their direction
     densest : mean fraction of the solids up to which it is meant [-]
     """
 
     strong: ClassVar[bool] = False
+    flat: ClassVar[bool] = False
     densest: ClassVar[float] = 1.0
 
     @abstractmethod
@@ -92,6 +94,7 @@ class Schneiderbauer(SolidsWall):
     term of eqs. (24)-(26) of Ding et al. (2024), Appl. Sci. 14, 2031.
     """
 
+    flat: ClassVar[bool] = True
     restitution: float = parameter(0.5, "-", "wall restitution e_w", ge=0, le=1)
     friction_coefficient: float = parameter(0.5, "-", "wall friction mu_w", ge=0)
     tangential_restitution: float = parameter(

@@ -247,10 +247,13 @@ def out_of_range(scene: Any, found: Mapping[str, float]) -> list[str]:
     got = _friction(scene, found)
     if LEAST_FRICTION * expected <= got <= expected / LEAST_FRICTION:
         return []
+    cure = ""
+    if got < expected and scene.model.solids_wall.flat:
+        cure = "; walls.solids = 'rough' throws grains off the wall and brings such lines nearer"
     return [
         f"friction of {got:.3g} Pa/m is {got / expected:.2g} times the {expected:.3g} Pa/m of"
         " Prandtl and Karman with Konno and Saito, which measured lines keep within a factor of"
-        " two: the closures leave their range here"
+        f" two: the closures leave their range here{cure}"
     ]
 
 
