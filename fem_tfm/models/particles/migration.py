@@ -9,15 +9,20 @@ number of ranks.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 import fem_tfm._kernel as _kernel
 from fem_tfm.models.particles.cloud import INSIDE, KINDS, Parcels
 from fem_tfm.models.particles.grid import Grid
+
+# turns in which a rank moves its parcels, and the least parcels of one
+TURNS, LEAST = 16, 128
 
 
 @dataclass
@@ -46,6 +51,33 @@ class Moving:
     def select(self, chosen: npt.NDArray[Any]) -> Moving:
         """A copy of some."""
         return Moving(self.parcels.select(chosen), self.search[chosen], self.slot[chosen])
+
+    def turn(self, most: int) -> tuple[Moving, list[Moving]]:
+        """The first of them, and what waits; all of them, not copied, where nothing must."""
+        count = len(self.parcels)
+        if count <= most:
+            return self, []
+        return self.select(np.arange(most)), [self.select(np.arange(most, count))]
+
+
+def portion(parcels: Parcels, grid: Grid) -> int:
+    """Parcels that a rank moves before it hands over what has left (collective).
+
+    So the next rank has work while this one goes on with the others of a pulse.
+    """
+    if grid.comm.size == 1:
+        return len(parcels)
+    most = grid.comm.allreduce(len(parcels), MPI.MAX)
+    return max(math.ceil(most / TURNS), LEAST)
+
+
+def joined(parts: list[Moving]) -> Moving:
+    """All of some parts."""
+    return Moving(
+        Parcels.concatenate([part.parcels for part in parts]),
+        np.concatenate([part.search for part in parts]),
+        np.concatenate([part.slot for part in parts]),
+    )
 
 
 def locate(parcels: Parcels, grid: Grid) -> None:
@@ -77,11 +109,14 @@ def shared(whole: Parcels, grid: Grid) -> Parcels:
     return found.select(np.where(new, mine, found.cell >= 0))
 
 
-def handed_over(moving: Moving, grid: Grid) -> Moving | None:
-    """What comes to this rank of all that is away on any rank, None for nothing (collective)."""
+def handed_over(moving: Moving, grid: Grid, waiting: int = 0) -> Moving | None:
+    """What comes to this rank of all that is away on any rank (collective).
+
+    None where nothing is away and none waits on any rank.
+    """
     comm = grid.comm
     away = moving.parcels.status == _kernel.AWAY
-    if comm.allreduce(int(away.sum())) == 0:
+    if comm.allreduce(int(away.sum()) + waiting) == 0:
         return None
     gone = moving.select(away)
     parcels = gone.parcels
@@ -96,8 +131,8 @@ def handed_over(moving: Moving, grid: Grid) -> Moving | None:
 
 def collected(parts: list[Moving], into: Parcels) -> None:
     """Put parcels that have arrived into one cloud, in order of their slots."""
-    order = np.argsort(np.concatenate([part.slot for part in parts]), kind="stable")
-    into.replace(Parcels.concatenate([part.parcels for part in parts]).select(order))
+    found = joined(parts)
+    into.replace(found.parcels.select(np.argsort(found.slot, kind="stable")))
 
 
 def _packed(moving: Moving, cell: npt.NDArray[np.int64]) -> npt.NDArray[Any]:

@@ -200,15 +200,17 @@ class Tracker:
             {} if encounters is None else encounters.for_kernel()
         )
         migration.locate(parcels, field.grid)
-        moving, arrived = Moving.of(parcels, field.grid), list[Moving]()
+        queue, arrived = Moving.of(parcels, field.grid), list[Moving]()
+        most = migration.portion(parcels, field.grid)
         totals = np.zeros(4, dtype=np.int64)
         while True:
+            moving, waiting = queue.turn(most)
             totals += self._run(moving, field, options, sums, impacts, progress)
-            more = migration.handed_over(moving, field.grid)
+            more = migration.handed_over(moving, field.grid, sum(len(w.parcels) for w in waiting))
             if more is None:
                 break
             arrived.append(moving.select(moving.parcels.status != _kernel.AWAY))
-            moving, progress = more, None
+            queue, progress = migration.joined([more, *waiting]), None
         if arrived:
             migration.collected([*arrived, moving], parcels)
         if leave:
