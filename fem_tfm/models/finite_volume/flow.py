@@ -100,7 +100,7 @@ class UnsteadyFlow:
             self.ideal_gas = IdealGas(problem, line, scheme)
             hydrostatic_density = self.ideal_gas.hydrostatic_density
         self.momentum = Momentum(line, laws, scheme, problem.gravity, hydrostatic_density)
-        self.pressure = PressureProjection(line, laws, problem.compressible)
+        self.pressure = PressureProjection(line, laws, scheme, problem.compressible)
         self.level = PressureLevel(line, problem.gravity, hydrostatic_density)
         self.split = DropSplit(line, problem.gravity)
         self.speed_limit = SpeedLimit(line, laws, problem.gravity)
@@ -283,8 +283,9 @@ class UnsteadyFlow:
         """Deformation of the solids of a state, in all cells (collective)."""
         cells = self.cells
         gradient = cells.ghosted(cells.gradient(state.u_s))
+        shear = cells.update_ghosts(Invariants(self.line.at_sides(gradient)).square)
         dilation = cells.ghosted(cells.net_flux(state.solids_flux) / self.line.volume)
-        return SolidsDeformation(gradient, Invariants(gradient).square, dilation)
+        return SolidsDeformation(gradient, shear, dilation)
 
     def _predicted_deformation(self, levels: TimeLevels) -> SolidsDeformation:
         """Deformation predicted for the end of the step, but for the gradient, which is present.

@@ -324,5 +324,6 @@ class _Equation:
             step_flux=step_flux,
             step_source=self._source,
             pressure=self.p_s,
+            wall_rise=line.rise_to_wall(self.p_s),
             dilation=cells.ghosted(cells.net_flux(volume_flux) / line.volume),
         )
