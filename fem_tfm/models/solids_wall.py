@@ -30,7 +30,7 @@ from fem_tfm.materials import Solids
 from fem_tfm.models.pointwise import Pointwise
 
 # iterations, and the relative changes of u_w and Theta_w, and of w, for slopes
-ITERATIONS, RISE, WIDER = 7, 1e-3, 2e-2
+ITERATIONS, RISE, WIDER = 6, 1e-3, 2e-2
 # u_w lies between this share of the velocity at the centre and all of it; Theta_w falls by at most
 # the second factor in an iteration
 LEAST_SLIP, LEAST_SHARE = 1e-4, 0.1
@@ -85,15 +85,10 @@ class HalfCell:
             growth(p_f, friction, 0.0),
         )
 
-    @staticmethod
-    def pressure_of(point: Pointwise, state: WallState) -> Value:
-        """p_s of a state [Pa]."""
-        kinetic = point.closures.granular.pressure
-        alpha, theta = state.alpha_s, state.theta
-        return kinetic(alpha, theta, state.g0, point.grain) + state.friction_pressure
-
-    def moved(self, point: Pointwise, state: WallState, theta: Value, target: Value) -> WallState:
-        """The solids of a state at another Theta, after a step towards a p_s [Pa].
+    def moved(
+        self, point: Pointwise, state: WallState, theta: Value, target: Value | None = None
+    ) -> WallState:
+        """The solids of a state at another Theta, after a step towards a p_s [Pa] or at its own.
 
         ln(w/w_state) = ln(target/p_s)/m,   m = (m_k p + m_f p_f)/p_s
         """
@@ -101,6 +96,9 @@ class HalfCell:
         before, p_f = _ratio(state.alpha_s, solids), state.friction_pressure
         kinetic = point.closures.granular.pressure(state.alpha_s, theta, state.g0, solids)
         there = kinetic + p_f + NOTHING
+        if target is None:
+            # p ~ Theta
+            target = kinetic * (state.theta / theta) + p_f
         growth = (self.growth * kinetic + self.friction_growth * p_f) / there
         found = before * exp(ln((target + NOTHING) / there) / maximum(growth, LEAST_GROWTH))
         found = minimum(maximum(found, ratio / LARGEST_FACTOR), ratio * LARGEST_FACTOR)
@@ -156,8 +154,7 @@ def at_wall(
         (pull, stiff), before = stiffening(state, slip), slip
         slip, kept = slid(pull, before, stiff), theta
         if conductance is not None:
-            given, now = heat(state, slip), half.pressure_of(point, state)
-            later = half.moved(point, state, (1 + RISE) * theta, now)
+            later, given = half.moved(point, state, (1 + RISE) * theta), heat(state, slip)
             risen = heat(later, slid(traction(later, before), before, stiff))
             slope = minimum((risen - given) / (RISE * theta), 0.0)
             hot = conductance * centre.theta + given - slope * theta
