@@ -280,10 +280,17 @@ class UnsteadyFlow:
         )
 
     def deformation(self, state: State | PreviousStep) -> SolidsDeformation:
-        """Deformation of the solids of a state, in all cells (collective)."""
+        """Deformation of the solids of a state, in all cells (collective).
+
+        The shear beside walls is extrapolated to the cells there, but not for an algebraic Theta:
+        that follows the shear at once, without conduction.
+        """
         cells = self.cells
         gradient = cells.ghosted(cells.gradient(state.u_s))
-        shear = cells.update_ghosts(Invariants(self.line.at_sides(gradient)).square)
+        seen = gradient
+        if self.laws.closures.theta != "algebraic":
+            seen = self.line.at_sides(gradient)
+        shear = cells.update_ghosts(Invariants(seen).square)
         dilation = cells.ghosted(cells.net_flux(state.solids_flux) / self.line.volume)
         return SolidsDeformation(gradient, shear, dilation)
 

@@ -22,6 +22,8 @@ SHORTEST = 1e-9
 RISES = 0.5, 2.0
 # largest rise of a value to the outlet over that of the cell there
 MOST_OUTWARD = 0.5
+# largest change of a slope beside an impermeable face over the slope by least squares
+MOST_CHANGE = 0.5
 # faces are opposite to each other if the product of their outward normals is below minus this
 FACING = 0.8
 
@@ -126,7 +128,7 @@ class LineMesh:
         Least squares have neighbours on one side there, and give the slope q = n.grad u half a cell
         further in. With q_2 that of the cell across the opposite face it is at the centre
 
-            q + (q - q_2) min(1, |q|/|q - q_2|)
+            q + (q - q_2) min(1, |q|/(2 |q - q_2|))
 
         gradient (cells, 3, 3) : by least squares, with ghosts; the result holds in owned cells
         """
@@ -137,7 +139,7 @@ class LineMesh:
         slope, further = (np.einsum("nij,nj->ni", gradient[c], normal) for c in (here, there))
         change = slope - further
         size, most = (np.linalg.norm(q, axis=1) for q in (change, slope))
-        change *= np.minimum(1.0, most / np.maximum(size, SMALLEST))[:, None]
+        change *= np.minimum(1.0, MOST_CHANGE * most / np.maximum(size, SMALLEST))[:, None]
         found = gradient.copy()
         np.add.at(found, here, change[:, :, None] * normal[:, None, :])
         return found

@@ -31,6 +31,7 @@ from dolfinx import default_scalar_type, fem, la
 from dolfinx import mesh as dmesh
 
 from fem_tfm.fenics import compile_form
+from fem_tfm.models.finite_volume.cells.line import MOST_CHANGE
 from fem_tfm.models.finite_volume.cells.mesh import SMALLEST, Array, Cells
 
 PARTS = ("inlet", "outlet", "wall", "symmetry")
@@ -291,7 +292,7 @@ class FacetForms:
     def at_sides(self, gradient: Any, opposite: tuple[Any, Any], v: Any) -> ufl.Form:
         """What the linear values of a gradient add to it in the cells beside impermeable faces.
 
-            sum over opposite faces of (q - q_2) min(1, |q|/|q - q_2|) n,   q = n.grad u
+            sum over opposite faces of (q - q_2) min(1, |q|/(2 |q - q_2|)) n,   q = n.grad u
 
         with q_2 of the cell across them.
 
@@ -303,7 +304,7 @@ class FacetForms:
             slope = ufl.dot(gradient(side), n)
             change = slope - ufl.dot(gradient(other), n)
             size, most = (ufl.sqrt(ufl.dot(q, q)) for q in (change, slope))
-            share = ufl.min_value(1, most / ufl.max_value(size, SMALLEST))
+            share = ufl.min_value(1, MOST_CHANGE * most / ufl.max_value(size, SMALLEST))
             added = here * share * ufl.inner(ufl.outer(change, n), v(side))
             found += added / self.face_area.inner * self.dS
         return found
