@@ -353,7 +353,7 @@ def test_sheared_grains_reach_the_temperature_of_the_closed_form(
     still, rest = np.zeros(found.cells.face_count), np.zeros(found.cells.count)
     for _ in range(300):
         moving = replace(found.now, u_s=u_s, u_g=u_s)
-        solids = SolidsTransport(moving.alpha, still, still, rest, rest, rest)
+        solids = SolidsTransport(moving.alpha, still, still, rest, rest, np.ones(0), rest)
         levels = implicit_euler(found.line, moving, 5e-3)
         step = Step(levels, 5e-3, Inflow(0.0), moving, drag=rest, solids=solids)
         step = replace(step, deformation=found.deformation(moving))
