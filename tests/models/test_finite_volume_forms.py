@@ -34,6 +34,7 @@ from fem_tfm.models.finite_volume.specification.coefficients import (
     solids_pressure,
     solids_wall,
     wall_centre,
+    wall_rise,
 )
 from fem_tfm.models.finite_volume.specification.data import (
     density_fields,
@@ -68,6 +69,7 @@ from fem_tfm.models.finite_volume.specification.pressure import (
     pressure,
     pressure_source,
     responses,
+    rise_to_outlet,
     total_of,
     upwind_density,
 )
@@ -86,6 +88,7 @@ from fem_tfm.models.finite_volume.specification.turbulence import (
 )
 from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Density, State
 from fem_tfm.models.pointwise import Invariants
+from fem_tfm.models.solids_wall import HalfCell
 
 # largest difference over the largest entry
 CLOSE = 1e-12
@@ -155,6 +158,21 @@ def test_gradients_and_reconstructed_vectors_solve_their_least_squares(shape: st
     wanted = on.assembled(on.least_squares_of(on.face(normal), v, *PARTS[1:]))
     found = on.cell(line.reconstruct(normal))
     assert_close(on.assembled(on.least_squares(found, v)), wanted)
+
+
+def test_gradients_beside_walls_are_those_of_the_form(shape: str) -> None:
+    recorded = recorded_step(shape, "mixing length")
+    on, cells, line = recorded.on, recorded.cells, recorded.line
+    v = ufl.TestFunction(on.tensors)
+    x, waves = cells.centre, np.array([[300.0, 200.0, -100.0], [50.0, 400.0, 0.0], [0, 90.0, 80.0]])
+    gradient = cells.gradient(np.sin(x @ waves.T))
+    face, side = line.opposite
+    assert face.size > 100
+    flags = np.zeros((2, cells.face_count))
+    flags[side, face] = 1.0
+    opposite = tuple(on.face(one).inner for one in flags)
+    found = on.assembled(on.at_sides(on.cell(gradient), opposite, v)).reshape(-1, 3, 3)
+    assert_close(gradient + found, line.at_sides(gradient))
 
 
 # -- solids fraction ------------------------------------------------------------------------------
@@ -245,7 +263,7 @@ def test_equation_of_the_granular_temperature_is_that_of_the_form(recorded: Reco
         energy, density, start.alpha, old.theta, start.theta, levels.span, more
     )
     eddies = 0.0 if step.turbulence is None else step.turbulence.nu_s
-    heat = wall_of(recorded, moved.alpha, old.theta, laws, old.u_s, eddies)[1]
+    heat = wall_of(recorded, step, moved.alpha, old.theta, laws, old.u_s, eddies)[1]
     falls, comes = wall_heat(on, old.theta, heat, x, w)
     flux = 1.5 * density * moved.flux
     form = transport(on, x, w, flux, laws.kinetic.conductivity, sink, on.constant(1.0)) + falls
@@ -257,7 +275,7 @@ def test_equation_of_the_granular_temperature_is_that_of_the_form(recorded: Reco
 
 
 def wall_of(
-    recorded: RecordedStep, alpha: Any, theta: Any, laws: Any, u: Any, nu_s: Any
+    recorded: RecordedStep, step: Any, alpha: Any, theta: Any, laws: Any, u: Any, nu_s: Any
 ) -> tuple[Any, Any]:
     """Friction and heat of the wall on the solids, in UFL of values of cells."""
     on, point = recorded.on, recorded.point
@@ -268,7 +286,11 @@ def wall_of(
     if not isinstance(laws.p_f, float):
         known.p_f = on.cell(on.cell_values(laws.p_f))
     centre = wall_centre(on, point, on.cell(a), theta, known, u)
-    return solids_wall(on, point, centre, on.cell(viscosity), conductivity)
+    solids, rates = step.solids, on.fields(step.deformation)
+    slope = on.cell(recorded.cells.gradient(solids.pressure))
+    rise = wall_rise(on, on.cell(solids.pressure), slope)
+    half = HalfCell.beside(point, centre, rates.shear, rates.dilation, rise)
+    return solids_wall(on, point, half, on.cell(viscosity), conductivity)
 
 
 def assert_systems(
@@ -283,7 +305,9 @@ def assert_systems(
         assert_same_matrix(form, matrix)
         on = recorded.on
         w = ufl.TestFunction(on.scalars)
-        beyond = on.assembled(on.out(on.density(limited[i][1]), free * w)) if limited else 0.0
+        beyond = (
+            on.assembled(on.out(on.density(limited[i][1]), free * w, "outlet")) if limited else 0.0
+        )
         assert_close(side - beyond, rhs)
 
 
@@ -429,7 +453,7 @@ def lagging(
     found = on.assembled(viscous_force(on, w, fields, on.cell(u), on.cell(gradient)))
     flux = given.step.levels.second_order_faces * phase.density.upwind * phase.flux
     beyond = recorded.correction(flux, u, line.velocity_scale, gradient)
-    found -= on.assembled(on.out(on.density(beyond), w))
+    found -= on.assembled(on.out(on.density(beyond), w, "outlet"))
     return found
 
 
@@ -449,7 +473,12 @@ def test_projection_is_that_of_the_forms(recorded: RecordedStep) -> None:
     response = responses(on, alpha, beta, span, solids, density)
     gaps = [on.face(gap) for gap in given.face_forces]
     guess = [on.cell(u) for u in given.velocities]
-    fluxes = phase_fluxes(on, phases, guess, gaps, response, recorded.inflow)
+    order = on.constant(float(recorded.flow.scheme.solves - 1)) * levels.second_order_faces
+    rises = [
+        rise_to_outlet(on, u, on.cell(recorded.cells.gradient(array)), order)
+        for u, array in zip(guess, given.velocities, strict=True)
+    ]
+    fluxes = phase_fluxes(on, phases, guess, gaps, response, recorded.inflow, rises)
     followed = follow(on, phases, response, recorded.inflow)
     stiffness = total_of(phases, followed)
     matrix, rhs, change = recorded.recorder.systems["pressure"][-1]
@@ -526,7 +555,7 @@ def test_coefficients_of_the_solids_are_those_of_the_laws_in_ufl(recorded: Recor
     eddies = np.maximum(step.state.alpha, 0) * point.solids.density * nu_s
     assert_close(on.cell_values(laws.viscosity) + eddies, solids.viscosity)
     assert_close(on.cell_values(laws.kinetic.bulk_viscosity), solids.bulk_viscosity)
-    friction = wall_of(recorded, at.alpha, at.theta, laws, at.u_s, nu_s)[0]
+    friction = wall_of(recorded, step, at.alpha, at.theta, laws, at.u_s, nu_s)[0]
     wall = recorded.line.wall
     height = on.face(on.on_part("wall", recorded.line.wall_height)).edge
     friction += gas_wall(on, recorded.local_point, at, height)[1]

@@ -14,6 +14,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import brentq, fsolve
 
 from fem_tfm.closures import make
+from fem_tfm.closures.granular import lun_pressure
 from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.materials import Gas, Solids
 from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow
@@ -402,7 +403,7 @@ def test_sheared_grains_reach_the_temperature_of_the_closed_form(
     still, rest = np.zeros(found.cells.face_count), np.zeros(found.cells.count)
     for _ in range(300):
         moving = replace(found.now, u_s=u_s, u_g=u_s)
-        solids = SolidsTransport(moving.alpha, still, still, rest, rest, rest)
+        solids = SolidsTransport(moving.alpha, still, still, rest, rest, np.ones(0), rest)
         levels = implicit_euler(found.line, moving, 5e-3)
         step = Step(levels, 5e-3, Inflow(0.0), moving, drag=rest, solids=solids)
         step = replace(step, deformation=found.deformation(moving))
@@ -427,17 +428,25 @@ def wall_friction(
 ) -> float:
     """Friction over the velocity at a centre, half a cell from the wall where the law holds."""
     one = replace(centre, **{name: np.ravel(v)[0] for name, v in vars(centre).items()})
-    wall = make("solids-wall", law)
+    wall, radial = make("solids-wall", law), make("radial", "savage")
+
+    def touching(at: np.ndarray) -> WallState:
+        alpha, slip, theta = at[2] * one.alpha_s, at[0] * one.slip, at[1] * one.theta
+        g0 = radial.g0(alpha, solids)
+        return replace(one, alpha_s=alpha, slip=slip, theta=theta, g0=g0)
+
+    def pressure(state: WallState) -> float:
+        return float(lun_pressure(state.alpha_s, state.theta, state.g0, solids))
 
     def missing(at: np.ndarray) -> list[float]:
-        state = replace(one, slip=at[0] * one.slip, theta=at[1] * one.theta)
+        state = touching(at)
         pull = stiffness * (one.slip - state.slip) - wall.friction(state, solids) * state.slip
         heat = conductance * (state.theta - one.theta) - wall.heat(state, solids)
-        return [pull / (stiffness * one.slip), heat / (conductance * one.theta)]
+        push = pressure(state) / pressure(one) - 1
+        return [pull / (stiffness * one.slip), heat / (conductance * one.theta), push]
 
-    share, hotter = fsolve(missing, [0.9, 1.1], xtol=1e-13)
-    state = replace(one, slip=share * one.slip, theta=hotter * one.theta)
-    return share * float(wall.friction(state, solids))
+    found = fsolve(missing, [0.9, 1.1, 0.9], xtol=1e-13)
+    return found[0] * float(wall.friction(touching(found), solids))
 
 
 @pytest.mark.parametrize(
@@ -461,7 +470,7 @@ def test_walls_slow_grains_as_their_law_says(law: str) -> None:
     friction = wall_friction(law, state, found.solids, stiffness, conductance)
     rate = 4 * friction / (GRAINS["density"] * alpha * size)
     still = np.zeros(found.cells.face_count)
-    solids = SolidsTransport(now.alpha, still, still, rest, now.p, rest)
+    solids = SolidsTransport(now.alpha, still, still, rest, now.p, np.ones(edge.size), rest)
     levels = implicit_euler(found.line, now, dt)
     step = Step(levels, dt, Inflow(0.0), now, drag=rest, solids=solids, deformation=rates)
     accelerations = [np.zeros_like(now.u_s)] * 2

@@ -101,7 +101,7 @@ class UnsteadyFlow:
             self.ideal_gas = IdealGas(problem, line, scheme)
             hydrostatic_density = self.ideal_gas.hydrostatic_density
         self.momentum = Momentum(line, laws, scheme, problem.gravity, hydrostatic_density)
-        self.pressure = PressureProjection(line, laws, problem.compressible)
+        self.pressure = PressureProjection(line, laws, scheme, problem.compressible)
         self.level = PressureLevel(line, problem.gravity, hydrostatic_density)
         self.split = DropSplit(line, problem.gravity)
         self.speed_limit = SpeedLimit(line, laws, problem.gravity)
@@ -281,11 +281,19 @@ class UnsteadyFlow:
         return step.after("theta", iterations, **found)
 
     def deformation(self, state: State | PreviousStep) -> SolidsDeformation:
-        """Deformation of the solids of a state, in all cells (collective)."""
+        """Deformation of the solids of a state, in all cells (collective).
+
+        The shear beside walls is extrapolated to the cells there, but not for an algebraic Theta:
+        that follows the shear at once, without conduction.
+        """
         cells = self.cells
         gradient = cells.ghosted(cells.gradient(state.u_s))
+        seen = gradient
+        if self.laws.closures.theta != "algebraic":
+            seen = self.line.at_sides(gradient)
+        shear = cells.update_ghosts(Invariants(seen).square)
         dilation = cells.ghosted(cells.net_flux(state.solids_flux) / self.line.volume)
-        return SolidsDeformation(gradient, Invariants(gradient).square, dilation)
+        return SolidsDeformation(gradient, shear, dilation)
 
     def _predicted_deformation(self, levels: TimeLevels) -> SolidsDeformation:
         """Deformation predicted for the end of the step, but for the gradient, which is present.

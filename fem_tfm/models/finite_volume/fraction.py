@@ -333,6 +333,7 @@ class _Equation:
             step_flux=step_flux,
             step_source=self._source,
             pressure=self.p_s,
+            wall_rise=line.rise_to_wall(self.p_s),
             dilation=cells.ghosted(cells.net_flux(volume_flux) / line.volume),
             thermal_rise=None if self._thermal is None else self._thermal.at(self.alpha),
         )

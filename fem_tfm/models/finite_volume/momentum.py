@@ -35,7 +35,7 @@ from fem_tfm.models.finite_volume.state import (
 )
 from fem_tfm.models.finite_volume.time_levels import Step, TimeLevels
 from fem_tfm.models.pointwise import Invariants, Pointwise, SolidsCoefficients, tangential
-from fem_tfm.models.solids_wall import at_wall
+from fem_tfm.models.solids_wall import HalfCell, at_wall
 
 # residual that ends the linear solver, over U in every cell
 SMALL_VELOCITY = 1e-9
@@ -225,7 +225,9 @@ class Momentum:
         conductance = None
         if laws.closures.theta != "algebraic":
             conductance = coefficients.kinetic.conductivity[edge] * near
-        friction, _ = at_wall(laws, centre, viscosity[edge] * near, conductance)
+        square, dilation = step.deformation.at(edge)
+        half = HalfCell.beside(laws, centre, square, dilation, step.solids.wall_rise)
+        friction, _ = at_wall(laws, half, viscosity[edge] * near, conductance)
         if step.gas is not None:
             laws = laws.with_density(step.gas.relative_density)
         return (friction + self._eddies_at_wall(step, laws)[1]) * line.cells.face_area[wall]

@@ -24,6 +24,7 @@ from fem_tfm.models.finite_volume.cells.krylov import Krylov
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
 from fem_tfm.models.finite_volume.cells.mesh import Array
+from fem_tfm.models.finite_volume.scheme import FirstOrder
 from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, Phase, State
 from fem_tfm.models.finite_volume.time_levels import Step
 from fem_tfm.models.pointwise import Pointwise
@@ -65,12 +66,14 @@ class PressureProjection:
 
     Parameters
     ----------
-    line, laws : mesh and coefficients
+    line, laws, scheme : mesh, coefficients, order
     compressible : the density of the gas follows the pressure
     """
 
-    def __init__(self, line: LineMesh, laws: Pointwise, compressible: bool = False) -> None:
-        self.line, self.laws = line, laws
+    def __init__(
+        self, line: LineMesh, laws: Pointwise, scheme: FirstOrder, compressible: bool = False
+    ) -> None:
+        self.line, self.laws, self.scheme = line, laws, scheme
         # without an outlet nothing sets the level of the pressure in a gas of constant density
         self._level_is_free = not (line.has_outlet or compressible)
         self._matrix = CellMatrix(line.cells)
@@ -154,7 +157,7 @@ class PressureProjection:
     ) -> _Fluxes:
         """Fluxes of the phases with the present pressure, and how they follow its change."""
         line, cells, inflow = self.line, self.line.cells, step.inflow
-        response = self._responses(step, phases)
+        response, share = self._responses(step, phases), step.levels.second_order_faces[line.outlet]
         fractions = [phase.face_fraction for phase in phases]
         if line.has_inlet and len(phases) == 2:
             solids = fractions[0].copy()
@@ -163,6 +166,7 @@ class PressureProjection:
         fluxes, mobilities = [], []
         for row, phase, velocity in zip(response, phases, velocities, strict=True):
             flux = cells.flux(velocity)
+            flux[line.outlet] += share * self.scheme.outflow(velocity)
             flux += cells.face_area * sum(
                 r * force for r, force in zip(row, face_forces, strict=True)
             )

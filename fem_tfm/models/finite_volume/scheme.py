@@ -69,6 +69,10 @@ class FirstOrder:
         """The correction's net flux out of each owned cell."""
         return 0.0
 
+    def outflow(self, velocity: Array) -> Array | float:
+        """Flux out of the outlet's faces less that of the velocity of their cells [m3/s]."""
+        return 0.0
+
     def bounded_correction(
         self, flux: Array, values: Array, share: Array, loss: Array, gain: Array | float
     ) -> Array | float:
@@ -119,13 +123,16 @@ class SecondOrder(FirstOrder):
         self, flux: Array, values: Array, scale: Array | float, gradient: Array | None = None
     ) -> Array:
         """Flux of limited linear values less that of upwind ones, on all faces."""
-        cells, inner = self.line.cells, self.line.inner
+        cells, inner, outlet = self.line.cells, self.line.inner, self.line.outlet
+        leaving = np.maximum(flux[outlet], 0.0)
         if gradient is None:
             gradient = cells.ghosted(cells.gradient(values))
         ahead, back = limited_increments(cells, values, gradient, scale * self._small)
         found = np.zeros((cells.face_count, *values.shape[1:]))
         flux = flux[inner].reshape(-1, *(1,) * (values.ndim - 1))
         found[inner] = flux * np.where(flux > 0, ahead, back)
+        leaving = leaving.reshape(-1, *(1,) * (values.ndim - 1))
+        found[outlet] = leaving * self.line.rise_to_outlet(values)
         return found
 
     def net_correction(
@@ -133,6 +140,11 @@ class SecondOrder(FirstOrder):
     ) -> Array:
         """The correction's net flux out of each owned cell."""
         return self.line.cells.net_flux(self.correction(flux, values, scale, gradient))
+
+    def outflow(self, velocity: Array) -> Array:
+        """Flux of linear values out of the outlet's faces less that of the cells [m3/s]."""
+        area = self.line.cells.area[self.line.outlet]
+        return np.einsum("ni,ni->n", self.line.rise_to_outlet(velocity), area)
 
     def bounded_correction(
         self, flux: Array, values: Array, share: Array, loss: Array, gain: Array | float

@@ -171,6 +171,10 @@ class SolidsDeformation:
         """S:S and div u_s."""
         return self.shear, self.dilation
 
+    def at(self, cells: Indices) -> tuple[Array, Array]:
+        """S:S and div u_s of some cells."""
+        return self.shear[cells], self.dilation[cells]
+
 
 @dataclass(frozen=True)
 class SolidsTransport:
@@ -180,6 +184,7 @@ class SolidsTransport:
     flux : alpha_s u_s.S at the end of the step [m3/s]
     step_flux, step_source : mean flux [m3/s] and source [1/s] of the step, by which alpha changed
     pressure : solids pressure in all cells that the fluxes contain [Pa]
+    wall_rise : that pressure at the faces of the wall, over that of the cells there [-]
     dilation : div u_s of the fluxes in all cells [1/s]
     thermal_rise : share of the rise of `pressure` across faces, by that of Theta, which exerts no
         force [Pa]; None where all of it does
@@ -190,6 +195,7 @@ class SolidsTransport:
     step_flux: Array
     step_source: Array
     pressure: Array
+    wall_rise: Array
     dilation: Array
     thermal_rise: Array | None = None
 

@@ -19,7 +19,7 @@ from fem_tfm.models.finite_volume.problem import UnsteadyProblem
 from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION
 from fem_tfm.models.finite_volume.time_levels import Step
 from fem_tfm.models.pointwise import Pointwise, SolidsCoefficients, tangential
-from fem_tfm.models.solids_wall import at_wall
+from fem_tfm.models.solids_wall import HalfCell, at_wall
 
 
 class GranularTemperature:
@@ -141,7 +141,9 @@ class GranularTemperature:
             viscosity = viscosity + eddies[edge]
         near = line.inverse_distance[line.wall]
         conductance = coefficients.kinetic.conductivity[edge] * near
-        heat = at_wall(laws, centre, viscosity * near, conductance)[1]
+        square, dilation = step.deformation.at(edge)
+        half = HalfCell.beside(laws, centre, square, dilation, step.solids.wall_rise)
+        heat = at_wall(laws, half, viscosity * near, conductance)[1]
         heat = heat * cells.face_area[line.wall]
         cells.add_boundary("wall", rhs, np.maximum(heat, 0.0))
         cells.add_boundary("wall", diagonal, np.maximum(-heat, 0.0) / state.theta[edge])

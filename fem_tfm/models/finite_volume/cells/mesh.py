@@ -253,6 +253,20 @@ class Cells:
         found = (self._gradient @ values).reshape(3, self.owned, *values.shape[1:])
         return np.moveaxis(found, 0, -1)
 
+    def extrapolation(self, part: slice) -> sparse.csr_array:
+        """Matrix of the linear values of cells on the faces of the boundary in `part`.
+
+        q + g.(x - c),  g by `gradient`
+        """
+        cell, delta = self.first[part], self.delta[part]
+        number = cell.size
+        here = sparse.csr_array((np.ones(number), (np.arange(number), cell)), (number, self.count))
+        slopes = (
+            sparse.diags_array(delta[:, i]) @ self._gradient[i * self.owned + cell]
+            for i in range(3)
+        )
+        return narrow(sparse.csr_array(sum(slopes, here)))
+
     def add_boundary(self, part: str, values: Array, faces: Array) -> Array:
         """Add values on the faces of one part to `values` of their cells, and return these."""
         np.add.at(values, self.first[self.parts[part]], faces)

@@ -9,10 +9,12 @@ from typing import Any
 import ufl
 
 from fem_tfm.closures.walls.solids import WallState
+from fem_tfm.models.finite_volume.cells.line import RISES
+from fem_tfm.models.finite_volume.cells.mesh import SMALLEST
 from fem_tfm.models.finite_volume.specification.data import present
 from fem_tfm.models.finite_volume.specification.facets import FacetForms
 from fem_tfm.models.pointwise import Invariants, Pointwise, SolidsCoefficients, tangential
-from fem_tfm.models.solids_wall import at_wall
+from fem_tfm.models.solids_wall import HalfCell, at_wall
 
 
 def solids_pressure(point: Pointwise, alpha: Any, theta: Any, deformation: Any, lift: Any) -> Any:
@@ -41,16 +43,25 @@ def gas_viscosity(point: Pointwise, gradient: Any, profile: tuple[Any, Any]) -> 
 
 
 def solids_wall(
-    on: FacetForms, point: Pointwise, centre: WallState, viscosity: Any, conductivity: Any
+    on: FacetForms, point: Pointwise, half: HalfCell, viscosity: Any, conductivity: Any
 ) -> tuple[Any, Any]:
     """Friction c of the traction -c u of a wall on a cell [Pa s/m], its heat into Theta [W/m2].
 
-    The law holds at the wall, half a cell away from the centre, where `centre` is known:
+    The law holds at the wall, half a cell away from the centre, where the state is known:
 
-        c = c_w/(1 + c_w (n.d)/mu),   kappa (Theta_w - Theta)/(n.d) = heat(u_w, Theta_w)
+        c = c_w/(1 + c_w (n.d)/mu),   kappa (Theta_w - Theta)/(n.d) = heat(u_w, Theta_w),
+        p_s(a_w, Theta_w) = p_s,w
     """
     near = on.weight.edge
-    return at_wall(point, centre, viscosity * near, conductivity * near)
+    return at_wall(point, half, viscosity * near, conductivity * near)
+
+
+def wall_rise(on: FacetForms, p_s: Any, gradient: Any) -> Any:
+    """p_s on the faces of the wall, by its gradient in the cells there, over that of the cells."""
+    low, high = RISES
+    there = p_s + ufl.dot(gradient, on.delta.edge)
+    found = (there + SMALLEST) / (p_s + SMALLEST)
+    return ufl.max_value(low, ufl.min_value(high, found))
 
 
 def wall_centre(

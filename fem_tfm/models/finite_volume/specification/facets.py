@@ -31,6 +31,7 @@ from dolfinx import default_scalar_type, fem, la
 from dolfinx import mesh as dmesh
 
 from fem_tfm.fenics import compile_form
+from fem_tfm.models.finite_volume.cells.line import MOST_CHANGE
 from fem_tfm.models.finite_volume.cells.mesh import SMALLEST, Array, Cells
 
 PARTS = ("inlet", "outlet", "wall", "symmetry")
@@ -287,6 +288,26 @@ class FacetForms:
         d, rise = self.delta.inner, self.rise(q).inner
         both = rise * (ufl.dot(d, v("+")) + ufl.dot(d, v("-")))
         return both / (ufl.dot(d, d) * self.face_area.inner) * self.dS
+
+    def at_sides(self, gradient: Any, opposite: tuple[Any, Any], v: Any) -> ufl.Form:
+        """What the linear values of a gradient add to it in the cells beside impermeable faces.
+
+            sum over opposite faces of (q - q_2) min(1, |q|/(2 |q - q_2|)) n,   q = n.grad u
+
+        with q_2 of the cell across them.
+
+        opposite : 1 on faces whose cell "+" or "-" has an impermeable one opposite to them, else 0
+        v : tensor of a cell
+        """
+        n, found = self.normal.inner, 0
+        for side, other, here in zip("+-", "-+", opposite, strict=True):
+            slope = ufl.dot(gradient(side), n)
+            change = slope - ufl.dot(gradient(other), n)
+            size, most = (ufl.sqrt(ufl.dot(q, q)) for q in (change, slope))
+            share = ufl.min_value(1, MOST_CHANGE * most / ufl.max_value(size, SMALLEST))
+            added = here * share * ufl.inner(ufl.outer(change, n), v(side))
+            found += added / self.face_area.inner * self.dS
+        return found
 
 
 def larger(a: Any, b: Any) -> Face:

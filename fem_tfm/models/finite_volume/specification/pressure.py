@@ -8,6 +8,8 @@ from typing import Any
 
 import ufl
 
+from fem_tfm.models.finite_volume.cells.line import MOST_OUTWARD
+from fem_tfm.models.finite_volume.cells.mesh import SMALLEST
 from fem_tfm.models.finite_volume.specification.data import entering_flow, present
 from fem_tfm.models.finite_volume.specification.facets import IMPERMEABLE, Face, FacetForms
 from fem_tfm.models.finite_volume.specification.momentum import inlet_velocity
@@ -36,15 +38,30 @@ def phase_fluxes(
     gaps: list[Face],
     response: list[list[Face]],
     inflow: SimpleNamespace,
+    rises: list[Any],
 ) -> list[Face]:
-    """Volume fluxes before the projection on inner faces and the outlet: u.n + sum R gap [m/s]."""
+    """Volume fluxes before the projection on inner faces and the outlet: u.n + sum R gap [m/s].
+
+    rises : of the velocities u from the cells to the outlet
+    """
     found = []
-    for phase, u, row in zip(phases, velocities, response, strict=True):
-        flux = Face.of(ufl.dot, on.mean(u), on.normal)
+    for phase, u, row, rise in zip(phases, velocities, response, rises, strict=True):
+        flux = Face.of(ufl.dot, on.mean(u) + Face(0 * u("+"), rise), on.normal)
         for r, gap in zip(row, gaps, strict=True):
             flux = flux + r * gap
         found.append(_passes(phase, inflow, flux))
     return found
+
+
+def rise_to_outlet(on: FacetForms, u: Any, gradient: Any, share: Face) -> Any:
+    """Rise of a velocity from the cells to the outlet by its gradient, at most half of |u| [m/s].
+
+    share : of the second order
+    """
+    rise = ufl.dot(gradient, on.delta.edge)
+    size, most = (ufl.sqrt(ufl.dot(q, q)) for q in (rise, u))
+    least = ufl.min_value(1, MOST_OUTWARD * most / ufl.max_value(size, SMALLEST))
+    return share.edge * least * rise
 
 
 def follow(
