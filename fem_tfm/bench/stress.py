@@ -52,9 +52,9 @@ FAMILIES = {
     "walls.gas": "gas-wall",
     "walls.solids": "solids-wall",
 }
-# hardly another law than that of Schiller and Naumann, and clusters of dilute risers: neither is
-# meant for dense flow
-LEFT_OUT = {"clift-gauvin", "igci"}
+# hardly another law than that of Schiller and Naumann, clusters of dilute risers, walls of dilute
+# lines: none is meant for dense flow
+LEFT_OUT = {"clift-gauvin", "igci", "rough"}
 # with transported turbulence; the other laws are those of the cases without
 TURBULENCE = {
     "closures.turbulence": "turbulence",

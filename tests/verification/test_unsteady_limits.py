@@ -371,7 +371,7 @@ def test_slip_agitates_grains_to_the_balance_at_a_point(
     beta = rest + drag_of(found, alpha, slip)
     for _ in range(30):
         moving = replace(found.now, u_s=u_s, u_g=u_g)
-        solids = SolidsTransport(moving.alpha, still, still, rest, rest, rest)
+        solids = SolidsTransport(moving.alpha, still, still, rest, rest, np.ones(0), rest)
         step = Step(implicit_euler(found.line, moving, 1.0), 1.0, Inflow(0.0), moving, beta)
         step = replace(step, solids=solids, deformation=found.deformation(moving))
         theta, _ = found.temperature.solve(step)
