@@ -221,8 +221,7 @@ class Dense(SectionPhysics):
         scales = len(self.scene.model.scales)
         factor = TRANSPORT_FACTOR if scales else 1
         if plausible.expects_bed(self.scene):
-            lifted = plausible.rouse_number(self.scene) < plausible.SETTLED
-            factor *= BED_FACTOR * (LIFTED_FACTOR if lifted else 1)
+            factor *= BED_FACTOR * (LIFTED_FACTOR if plausible.lifts(self.scene) else 1)
         return {
             "memory": BASE_MEMORY + MEMORY_PER_UNKNOWN * unknowns,
             "solve": factor * TIME_PER_UNKNOWN * unknowns + 1,
@@ -333,7 +332,12 @@ def entering(scene: Any) -> str:
     if scene.model.solids is None:
         return gas
     alpha, speed = scene.solids_inlet
-    return f"{gas}, solids enter with fraction {alpha:.4g} at {speed:.4g} m/s"
+    by = (
+        ""
+        if scene.feed.solids_velocity is not None
+        else " (the feeder's correlation of Ding et al.)"
+    )
+    return f"{gas}, solids enter with fraction {alpha:.4g} at {speed:.4g} m/s{by}"
 
 
 def advice(scene: Any) -> list[str]:
@@ -355,6 +359,8 @@ def advice(scene: Any) -> list[str]:
         )
     if solids and laws.dispersed.name == "simonin":
         said += laminarised(scene)
+    if solids:
+        said += plausible.crowded(laws.solids_wall, scene.feed.solids_fraction)
     return said + doubts(scene)
 
 

@@ -169,7 +169,7 @@ def prepare(scene: Any, setting: Setting, overwrite: bool) -> None:
     out, text = setting.out, case_text(scene)
     assert out is not None
     if setting.resume:
-        check_resumable(text, out)
+        check_resumable(text, out, scene.fixed)
 
     def make() -> None:
         try:
@@ -192,13 +192,16 @@ def case_text(scene: Any) -> str:
     return tomli_w.dumps(tables_of(scene))
 
 
-def check_resumable(text: str, out: Path) -> None:
-    """Refuse to go on with another case, or without a state to go on from."""
+def check_resumable(text: str, out: Path, fixed: tuple[str, ...] = ()) -> None:
+    """Refuse to go on with another case, or without a state to go on from.
+
+    fixed : keys that other scenes may change
+    """
     if not checkpoint.numbers(out):
         raise InputError("--resume", str(out), "a directory that holds a checkpoint")
     stored = tomllib.loads((out / "case.toml").read_text(encoding="utf-8"))
     changed = sorted(_flat(stored).items() ^ _flat(tomllib.loads(text)).items())
-    keys = {key for key, _ in changed if not key.startswith(FREE_TO_CHANGE)}
+    keys = {key for key, _ in changed if key in fixed or not key.startswith(FREE_TO_CHANGE)}
     if keys:
         allowed = (
             f"the directory of a run of this very case; different are {', '.join(sorted(keys))}"

@@ -72,6 +72,11 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
     # flows of which this way to solve lets the gas feel its particles
     coupled_flows: ClassVar[tuple[str, ...]] = ()
 
+    @property
+    def fixed(self) -> tuple[str, ...]:
+        """Keys that a resumed run of this scene may not change, while others may."""
+        return ()
+
     def __post_init__(self) -> None:
         super().__post_init__()
         kind = self.kind

@@ -111,6 +111,12 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
     initial: Initial = parameter(doc="from where an unsteady flow starts", factory=Initial)
     solution: ClassVar[str] = "unsteady"
 
+    @property
+    def fixed(self) -> tuple[str, ...]:
+        """The end, where parcels enter evenly up to it."""
+        during = self.particles is not None and self.particles.release == "during"
+        return ("numerics.end_time",) if during else ()
+
     def __post_init__(self) -> None:
         super().__post_init__()
         entering, solids, start = self.solids_inlet, self.model.solids, self.initial

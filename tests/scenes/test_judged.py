@@ -185,3 +185,13 @@ def test_a_wall_law_of_dilute_flow_says_where_a_line_is_dense() -> None:
     assert "meant for a hold-up of up to 0.05, and this line has 0.19" in warning
     assert judge(scene, found(holdup=0.02)) == []
     assert judge(Case.from_dict(LINE).scene, found(holdup=0.19)) == []
+    flow = {"operation.solids_mass_flow": None, "operation.solids_fraction": 0.19}
+    given = Case.from_dict(LINE | COAL).with_values({"walls.solids": "rough"} | flow).scene
+    assert any("this line has 0.19" in text for text in given.advice())
+    assert judge(given, found(holdup=0.19)) == []
+
+
+def test_a_line_of_a_few_diameters_does_not_tell_whether_it_has_developed() -> None:
+    scene = Case.from_dict(LINE).with_values({"geometry.length": 0.1}).scene
+    (warning,) = judge(scene, found(development_length=0.05))
+    assert "2 diameters long, too short to tell" in warning

@@ -50,6 +50,8 @@ def test_a_plausible_case_has_no_doubts() -> None:
         ("gas.temperature", 20.0, "gas density 17.42 kg/m3: is gas.temperature = 20 in K"),
         ("solids.density", 2.5, "over that of the gas 2.103: is solids.density = 2.5 in kg/m3"),
         ("operation.solids_mass_flow", 360.0, "solids superficial velocity 73.34 m/s: more than"),
+        ("operation.solids_mass_flow", 12.0, "solids over gas by mass 428.4: outside of what is"),
+        ("operation.gas_superficial_velocity", 1.0, "more slowly than a grain falls: it lifts"),
     ],
 )
 def test_a_slip_of_units_is_told_with_the_number_that_gives_it_away(
@@ -68,6 +70,13 @@ def test_check_tells_the_numbers_and_the_slip(
     told = " ".join(capsys.readouterr().out.split())
     assert "Reynolds number of the gas" in told and "terminal velocity of a grain" in told
     assert "is gas.temperature = 20 in K, not in degrees Celsius?" in told
+
+
+def test_a_gas_next_to_a_vacuum_in_a_level_line_is_checked(tmp_path: Path) -> None:
+    """Its Reynolds number is below what the friction of a turbulent gas is for."""
+    place = tmp_path / "case.toml"
+    place.write_text(riser(geometry__inclination_deg=0.0).dump())
+    assert main(["check", str(place), "--set", "gas.pressure=1"]) == 0
 
 
 @pytest.mark.parametrize("verb", ["check", "run"])

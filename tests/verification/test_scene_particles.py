@@ -13,6 +13,7 @@ from mpi4py import MPI
 
 import fem_tfm as ft
 from fem_tfm import Case
+from fem_tfm.errors import InputError
 from fem_tfm.output.result import Result
 from fem_tfm.scenes.developing import LineRecorder
 from fem_tfm.scenes.particles.tracking import Tracking, carrier_of
@@ -293,6 +294,9 @@ def test_particles_of_a_flow_that_was_cut_short_go_on(
         run(one, tmp_path / "cut")
     monkeypatch.setattr(FlowRecorder, "step", keep)
     found = run(one, tmp_path / "cut", resume=True)
+    # parcels enter evenly up to the end
+    with pytest.raises(InputError, match=r"different are numerics\.end_time"):
+        run(one.with_values({"numerics.end_time": 0.2}), tmp_path / "cut", resume=True)
     # a gas that was stored differs in its last digits
     for name in whole.quantities:
         assert found[name] == pytest.approx(whole[name], rel=1e-6), name

@@ -9,6 +9,7 @@ from typing import Any
 
 from fem_tfm.errors import SolverError
 from fem_tfm.output.split_picture import PARTS
+from fem_tfm.scenes.judged.plausible import crowded
 
 # an estimated error above this share of its quantity tells that meshes disagree
 LARGEST_ERROR = 0.2
@@ -16,6 +17,8 @@ LARGEST_ERROR = 0.2
 TRUSTED = ("pressure_gradient", "pressure_drop", "holdup", "friction_factor")
 # drop over the absolute pressure from which a gas of one density is wrong, and very wrong
 NOTICED_DROP, LARGEST_DROP = 0.1, 0.4
+# below this length over the diameter nothing tells whether a march has developed
+SHORT = 20.0
 # a march whose quantities still change beyond this share of the line has not developed
 DEVELOPED_AT = 0.9
 
@@ -31,7 +34,12 @@ def judge(scene: Any, answer: Any) -> list[str]:
     if doubt := doubtful(scene, answer.quantities, answer.errors):
         raise SolverError(f"{doubt}; the meshes disagree, so there is no answer")
     found = answer.quantities
-    return [*_expansion(scene, found), *_development(scene, found), *_crowding(scene, found)]
+    said = [*_expansion(scene, found), *_development(scene, found)]
+    wall = getattr(scene.model, "solids_wall", None)
+    # what is given was judged before
+    if wall is not None and not crowded(wall, scene.feed.solids_fraction):
+        said += crowded(wall, found.get("holdup"))
+    return said
 
 
 def doubtful(scene: Any, found: Mapping[str, float], errors: Mapping[str, float | None]) -> str:
@@ -101,21 +109,18 @@ def _expansion(scene: Any, found: Mapping[str, float]) -> list[str]:
 def _development(scene: Any, found: Mapping[str, float]) -> list[str]:
     """Whether a march still develops at its outlet."""
     place, length = found.get("development_length"), scene.geometry.length
-    if place is None or place <= DEVELOPED_AT * length:
+    if place is None:
+        return []
+    diameters = length / scene.geometry.hydraulic_diameter
+    if place <= DEVELOPED_AT * length and diameters < SHORT:
+        return [
+            f"the line is {diameters:.2g} diameters long, too short to tell whether its flow has"
+            " developed; solution = 'developed' gives the gradient far downstream"
+        ]
+    if place <= DEVELOPED_AT * length:
         return []
     return [
         f"the flow is not developed at the outlet: it changes by more than 1 % up to"
         f" {place:.4g} of {length:.4g} m, so pressure_gradient and entrance_pressure_drop are"
         " those of this length"
-    ]
-
-
-def _crowding(scene: Any, found: Mapping[str, float]) -> list[str]:
-    """Whether a wall law of the solids is met by more of them than it is meant for."""
-    wall, held = getattr(scene.model, "solids_wall", None), found.get("holdup")
-    if wall is None or held is None or held <= wall.densest:
-        return []
-    return [
-        f"walls.solids = {wall.name!r} is meant for a hold-up of up to {wall.densest:g}, and this"
-        f" line has {held:.2g}: the law heats the grains too much there, and the drop is too large"
     ]

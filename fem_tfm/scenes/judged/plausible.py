@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from fem_tfm.closures.walls.solids import SolidsWall
 from fem_tfm.correlations import (
     friction_velocity,
     konno_saito,
@@ -19,7 +20,7 @@ from fem_tfm.errors import InputError
 
 # bounds outside of which a number was hardly meant
 THIN_GAS, COLD_GAS, LIGHT_GRAINS, LIGHT_RATIO = 0.02, 150.0, 20.0, 3.0
-LEAST_LOADING, LARGEST_LOADING, SHORTEST_LINE, SLOWEST = 1e-4, 1e3, 1.0, 50.0
+LEAST_LOADING, LARGEST_LOADING, SHORTEST_LINE, SLOWEST = 1e-4, 300.0, 1.0, 50.0
 # a flux of solids needs a velocity beyond these over and above that of the gas [-], [m/s]
 FAST, FASTER_BY = 3.0, 10.0
 # Rouse numbers below and above which grains stay up and settle, and von Karman's constant
@@ -149,11 +150,22 @@ def expects_bed(scene: Any) -> bool:
     return level and bool(scene.feed.gas_velocity < saltation_velocity(scene))
 
 
+def lifts(scene: Any) -> bool:
+    """Whether the eddies of the gas lift its grains, by Rouse."""
+    return bool(scene.reynolds > TURBULENT and rouse_number(scene) < SETTLED)
+
+
 def _of_settling(scene: Any) -> Iterator[Derived]:
     """Whether grains stay up; told, not doubted: beds are what the model is for."""
     gas, solids, feed = scene.model.gas, scene.model.solids, scene.feed
-    falling = terminal_velocity(gas, solids, feed.gravity)
-    yield Derived("terminal velocity of a grain", falling, "m/s")
+    falling, doubt = terminal_velocity(gas, solids, feed.gravity), ""
+    against = falling * math.sin(math.radians(scene.geometry.inclination_deg))
+    if abs(scene.geometry.inclination_deg) > STEEP and feed.gas_velocity < against:
+        doubt = (
+            f"the gas rises at {feed.gas_velocity:g} m/s, more slowly than a grain falls: it lifts"
+            " none but a dense plug"
+        )
+    yield Derived("terminal velocity of a grain", falling, "m/s", doubt)
     if abs(scene.geometry.inclination_deg) > STEEP:
         yield _of_clusters(scene, falling)
         return
@@ -254,6 +266,16 @@ def out_of_range(scene: Any, found: Mapping[str, float]) -> list[str]:
         f"friction of {got:.3g} Pa/m is {got / expected:.2g} times the {expected:.3g} Pa/m of"
         " Prandtl and Karman with Konno and Saito, which measured lines keep within a factor of"
         f" two: the closures leave their range here{cure}"
+    ]
+
+
+def crowded(wall: SolidsWall, held: float | None) -> list[str]:
+    """Whether a wall law of the solids is met by more of them than it is meant for."""
+    if held is None or held <= wall.densest:
+        return []
+    return [
+        f"walls.solids = {wall.name!r} is meant for a hold-up of up to {wall.densest:g}, and this"
+        f" line has {held:.2g}: the law heats the grains too much there, and the drop is too large"
     ]
 
 
