@@ -188,6 +188,7 @@ BAD = [
     (["mesh", "good.toml"], "--out"),
     (["mesh", "good.toml", "--out", "good.toml"], "a new file, or --overwrite"),
     (["models", "dragg"], "did you mean 'drag'?"),
+    (["models", "schneiderbauer"], "did you mean 'solids-wall'?"),
     (["sweep", "good.toml"], "--vary"),
     (["sweep", "good.toml", "--vary", "solids.diameter"], "key=a,b,c"),
     (["sweep", "good.toml", "--vary", "solids.diamter=1e-4,2e-4"], "'solids.diameter'"),

@@ -99,7 +99,10 @@ def names(family: str) -> list[str]:
 
 def _laws(family: str) -> dict[str, type[Closure]]:
     if family not in _REGISTRY:
-        raise InputError("family", family, _one_of(_REGISTRY), nearest(family, _REGISTRY))
+        # the name of a law leads to its family
+        of = next((name for name, laws in _REGISTRY.items() if family in laws), None)
+        near = of or nearest(family, _REGISTRY)
+        raise InputError("family", family, _one_of(_REGISTRY), near)
     return _REGISTRY[family]
 
 

@@ -204,7 +204,8 @@ def check_resumable(text: str, out: Path, fixed: tuple[str, ...] = ()) -> None:
     keys = {key for key, _ in changed if key in fixed or not key.startswith(FREE_TO_CHANGE)}
     if keys:
         allowed = (
-            f"the directory of a run of this very case; different are {', '.join(sorted(keys))}"
+            f"the directory of a run of this very case, each --set again; different are"
+            f" {', '.join(sorted(keys))}"
         )
         raise InputError("--resume", str(out), allowed)
 
