@@ -32,6 +32,8 @@ COARSE = {
     "numerics.mesh_size": 2.5e-3,
     "numerics.error_estimate": False,
 }
+# the developed section at its end
+SECTION = COARSE | {"solution": "developed", "numerics.error_estimate": None}
 EXACT = 1e-10
 FOUR = {"closures__turbulence": "realizable", "closures__dispersed": "k-epsilon"}
 
@@ -192,7 +194,7 @@ def test_fluxes_are_kept_from_station_to_station() -> None:
 def test_the_line_ends_on_the_developed_section() -> None:
     """G, hold-up and bed of the section with the same fluxes; the bed formed on the way."""
     found = long_line()
-    case = problems.demo(COARSE | {"solution": "developed", "numerics.error_estimate": None})
+    case = problems.demo(SECTION)
     wanted = quantities(problems.solved(case, 1 / 4), 1.0)
     got = found.quantities()
     for name in ("pressure_gradient", "holdup", "max_solids_fraction", "slip_velocity"):
@@ -358,7 +360,7 @@ def test_a_line_with_transported_turbulence_ends_on_the_developed_section(
     long = line(**laws, geometry__length=10.0, numerics__axial_step=0.4)
     found = march(long)
     dotted = {key.replace("__", "."): law for key, law in laws.items()}
-    case = problems.demo(COARSE | {"solution": "developed"} | dotted)
+    case = problems.demo(SECTION | dotted)
     wanted = quantities(problems.solved(case, 1 / 4), 1.0)
     for name in ("pressure_gradient", "holdup"):
         assert found.quantities()[name] == pytest.approx(wanted[name], rel=1e-3), name
@@ -372,7 +374,7 @@ def test_the_line_of_the_paper() -> None:
     assert found.rows[-1]["z"] == 2.4
     assert max(found.balances().values()) < EXACT
     far = march(line(numerics__mesh_size=None, geometry__length=8.0)).quantities()
-    case = problems.demo(COARSE | {"solution": "developed", "numerics.mesh_size": None})
+    case = problems.demo(SECTION | {"numerics.mesh_size": None})
     wanted = case.scene.run()
     for name in ("pressure_gradient", "holdup"):
         assert far[name] == pytest.approx(wanted[name], rel=0.01), name
