@@ -28,7 +28,7 @@ from fem_tfm.closures.slip_production import SlipProduction
 from fem_tfm.closures.turbulence.dispersed import Dispersed, GasEddies, Grains
 from fem_tfm.closures.turbulence.dispersion import Dispersion
 from fem_tfm.closures.turbulence.gas import Balance, Eddies, Turbulence, realizable_slope
-from fem_tfm.closures.walls.gas import GasWall, GasWallState
+from fem_tfm.closures.walls.gas import GasWall, GasWallState, LogLaw
 from fem_tfm.closures.walls.mixture import shared_friction
 from fem_tfm.closures.walls.solids import SolidsWall, WallState
 from fem_tfm.materials import Fluid, Solids
@@ -570,7 +570,7 @@ class Pointwise:
         beside : solids fraction, and slip speed between the phases [m/s], at that height
         """
         alone, law = self.gas_wall_friction(speed, height, k), self.closures.gas_wall
-        if self.solids is None or beside is None or not law.logarithmic:
+        if self.solids is None or beside is None or not isinstance(law, LogLaw):
             return alone, 0.0
         grains = self._carried(*beside, height)
         followers = self.closures.dispersed.at_wall(self.gas.density, grains)

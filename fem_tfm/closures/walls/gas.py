@@ -48,13 +48,11 @@ class GasWall(Closure):
 
     needs_k : it asks for a turbulence that transports k
     resolved : the mesh reaches into the viscous sublayer
-    logarithmic : the gas between the mesh and the wall is a logarithmic layer
     """
 
     strong: ClassVar[bool] = False
     needs_k: ClassVar[bool] = False
     resolved: ClassVar[bool] = False
-    logarithmic: ClassVar[bool] = False
 
     def coefficient(self, state: GasWallState) -> Value:
         """Coefficient c [Pa s/m] of the traction -c u_t."""
@@ -63,11 +61,6 @@ class GasWall(Closure):
     @abstractmethod
     def friction(self, speed: Value, distance: Value, gas: Fluid) -> Value:
         """Coefficient c [Pa s/m] at a speed [m/s] found `distance` [m] off the wall."""
-
-    @property
-    def sharpness(self) -> Value:
-        """m of the blend c^m = (mu_g/y)^m + c_log^m of a logarithmic law [-]."""
-        raise NotImplementedError
 
     def friction_velocity(self, state: GasWallState, friction: Value) -> Value:
         """sqrt(c u/rho_g) of the coefficient c; that of k where the law asks for k [m/s]."""
@@ -128,15 +121,13 @@ class LogLaw(OffsetWall):
     Churchill and Usagi (1972), AIChE J. 18, 1121-1128.
     """
 
-    logarithmic: ClassVar[bool] = True
-
     kappa: float = parameter(0.41, "-", "von Karman constant", gt=0)
     E: float = parameter(9.8, "-", "constant of a smooth wall", gt=1)
     n: float = parameter(5.0, "-", "sharpness of the blend", ge=1)
 
     @property
     def sharpness(self) -> Value:
-        """n/2: c goes as u+^-2 [-]."""
+        """m of the blend c^m = (mu_g/y)^m + c_log^m [-]; n/2, for c goes as u+^-2."""
         return self.n / 2
 
     def friction(self, speed: Value, distance: Value, gas: Fluid) -> Value:
@@ -170,7 +161,7 @@ class EnergyLogLaw(LogLaw):
 
     @property
     def sharpness(self) -> Value:
-        """n: c goes as 1/u+ [-]."""
+        """m of the blend [-]; n, for c goes as 1/u+."""
         return self.n
 
     def friction_velocity(self, state: GasWallState, friction: Value) -> Value:

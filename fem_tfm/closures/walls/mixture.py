@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from fem_tfm.closures.ops import Value, exp, ln, maximum, sqrt
-from fem_tfm.closures.walls.gas import GasWall, GasWallState
+from fem_tfm.closures.walls.gas import GasWallState, LogLaw
 
 # tau_t y_p over y_p/u_p in equilibrium: 3/2 nu/k with nu = kappa u y and k = u^2/0.3
 EDDY_TIME = 0.45
@@ -114,7 +114,7 @@ def _slope(a: Value, heights: tuple[Value, Value], w: tuple[Value, Value], share
 
 
 def shared_friction(
-    friction: Value, state: GasWallState, law: GasWall, of: Followers
+    friction: Value, state: GasWallState, law: LogLaw, of: Followers
 ) -> tuple[Value, Value]:
     """Coefficients c [Pa s/m] of the tractions on the gas and, over Z, on the grains.
 
