@@ -152,9 +152,12 @@ def test_no_dispersion_without_turbulence() -> None:
 
 
 def rouse_exponent(rouse: float, parcels: int, law: object) -> float:
-    """Exponent that heavy particles settle into in a flow with a parabolic eddy diffusivity."""
+    """Exponent that heavy particles settle into in a flow with a parabolic eddy diffusivity.
+
+    Their relaxation time is a tenth of the shortest T_L: Rouse's particles have no inertia.
+    """
     height, kappa, friction = 2 * HALF, 0.41, 1.0
-    sigma, tau = 1.2 * friction, 1e-3
+    sigma, tau = 1.2 * friction, 1e-4
     settling = rouse * kappa * friction
 
     def life_of(x: np.ndarray) -> np.ndarray:
