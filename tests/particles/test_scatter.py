@@ -78,12 +78,18 @@ def test_a_mixed_cloud_stays_mixed(law: object, share: float, grid: dict[str, ob
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", [Langevin(), Eddies()])
-@pytest.mark.parametrize("share", [1.0, 0.5])
+@pytest.mark.parametrize(
+    ("share", "beside_walls", "in_corners"),
+    [(1.0, 0.035, 0.05), (0.5, 0.02, 0.03), (0.25, 0.02, 0.03)],
+)
 @pytest.mark.parametrize("strip", [0.0, 8e-4])
-def test_a_mixed_cloud_stays_mixed_within_little(law: object, share: float, strip: float) -> None:
+def test_a_mixed_cloud_stays_mixed_within_little(
+    law: object, share: float, beside_walls: float, in_corners: float, strip: float
+) -> None:
+    """From steps of half an eddy on what is left is the sampling error, about 1 % a bin."""
     found = profile(law, share, 60000, 60, cells=16, folds=2, strip=strip)
-    assert found[:-1] == pytest.approx(1.0, abs=0.035)
-    assert found[-1] == pytest.approx(1.0, abs=0.05)
+    assert found[:-1] == pytest.approx(1.0, abs=beside_walls)
+    assert found[-1] == pytest.approx(1.0, abs=in_corners)
 
 
 def cloud(law: object, n: int, seconds: list[float], forces: Forces | None = None, **more: object):

@@ -14,6 +14,7 @@ from mpi4py import MPI
 import fem_tfm as ft
 from fem_tfm import Case
 from fem_tfm.errors import InputError
+from fem_tfm.models.particles.tracker import Report, Tracker
 from fem_tfm.output.result import Result
 from fem_tfm.scenes.developing import LineRecorder
 from fem_tfm.scenes.particles.tracking import Tracking, carrier_of
@@ -148,6 +149,22 @@ def test_particles_of_a_developed_gas_come_closer_to_it(tmp_path: Path) -> None:
     assert abs(mean - 20.34) < 0.2 + 3 * error
     assert found.balances["particle_mass"] < 1e-12
     assert (tmp_path / "trajectories.vtu").is_file() and (tmp_path / "cloud.vtu").is_file()
+
+
+def test_steps_of_a_parcel_are_as_short_as_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken, advance = [], Tracker.advance
+
+    def counted(*given: Any, **more: Any) -> Report:
+        report = advance(*given, **more)
+        taken[-1] += report.steps
+        return report
+
+    monkeypatch.setattr(Tracker, "advance", counted)
+    for share in (1.0, 0.25):
+        taken.append(0)
+        few = {"geometry.length": 8.0, "particles.parcels": 50, "particles.stations": 2}
+        run(developed(**few, **{"particles.step": share}))
+    assert 2.5 < taken[1] / taken[0] < 4.5
 
 
 def test_hot_particles_warm_the_gas_by_what_they_lose() -> None:

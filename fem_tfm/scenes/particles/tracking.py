@@ -131,7 +131,7 @@ class Tracking:
             forces_of(scene),
             cloud.dispersion,
             cloud.impact,
-            Steps(max_steps=MOST_STEPS + round(STEPS_A_DIAMETER * self._diameters(scene))),
+            Steps(eddies=cloud.step, max_steps=self._most_steps(scene)),
             seed=cloud.seed,
             heat_capacity=[one.heat_capacity for one in cloud.materials],
         )
@@ -163,8 +163,11 @@ class Tracking:
         self.impacts: Impacts | None = None
 
     @staticmethod
-    def _diameters(scene: Any) -> float:
-        return float(scene.geometry.length / scene.geometry.hydraulic_diameter)
+    def _most_steps(scene: Any) -> int:
+        """Steps after which a parcel is stuck."""
+        diameters = scene.geometry.length / scene.geometry.hydraulic_diameter
+        steps = MOST_STEPS + STEPS_A_DIAMETER * diameters
+        return round(float(steps) / min(float(scene.particles.step), 1.0))
 
     def to(
         self,

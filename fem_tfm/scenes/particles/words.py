@@ -196,7 +196,8 @@ def words(scene: Any) -> str:
     total = count * len(cloud.materials)
     # eddies live for some 0.2 k/eps, about a twentieth of the time to cross the section
     eddies = 20 * scene.geometry.length / scene.geometry.hydraulic_diameter
-    time = STEP_TIME * total * eddies * (SLAB_TRACES if cloud.coupling == "two-way" else 1.0)
+    steps = total * eddies / cloud.step
+    time = STEP_TIME * steps * (SLAB_TRACES if cloud.coupling == "two-way" else 1.0)
     return (
         f"{names}: {count} parcels each, {cloud.coupling}, loading {loading:.3g}; about"
         f" {time:.1g} s to follow them"
