@@ -445,7 +445,8 @@ class LineRecorder(Recorder):
     def second_ends(self, line: Line) -> None:
         """What the second march has cost."""
         newton = line.station.newton
-        self.log(f"{len(line.rows) - 1} stations on {line.station.mesh.num_cells} cells")
+        if line.rows:
+            self.log(f"{len(line.rows) - 1} stations on {line.station.mesh.num_cells} cells")
         self.second_factorisations = newton.factorisations
 
     def restore(self, line: Line) -> None:
