@@ -110,7 +110,13 @@ def lines() -> dict[str, dict[str, Any]]:
 
 
 def cases() -> dict[str, Case]:
-    """All cases by name; raises InputError without the checkout."""
+    """All cases by name.
+
+    Raises
+    ------
+    InputError
+        there is no checkout of the repository with its demos.
+    """
     found = {name: demo(*parts) for name, parts in DEMOS.items()}
     return found | {name: Case.from_dict(tables) for name, tables in lines().items()}
 

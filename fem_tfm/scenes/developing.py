@@ -111,14 +111,14 @@ class Developing(SectionScene["Physics", "LineRecorder"]):
         if isinstance(line.coupler, Slabs):
             balances |= line.coupler.balances(physics.force_on_particles(line))
         physics.check_balances(balances)
-        found, errors, unestimated = with_errors(self, line, recorder)
+        found = with_errors(self, line, recorder)
         return Answer(
             "finished",
-            found,
+            found.quantities,
             balances,
             "pressure_drop",
-            errors=errors,
-            unestimated=unestimated,
+            errors=found.errors,
+            unestimated=found.unestimated,
             references=physics.references(),
             state=March(line),
             factorisations=line.station.newton.factorisations + recorder.second_factorisations,

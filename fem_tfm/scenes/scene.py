@@ -422,8 +422,8 @@ def _finish(scene: Scene[Any, Any], answer: Answer, recorder: Recorder) -> Resul
     errors = dict.fromkeys(told) | known
     result.quantities = with_references(scene, told, errors, answer.references)
     result.balances = dict(answer.balances)
-    known = any(error is not None for error in answer.errors.values())
-    result.unestimated = "" if known else answer.unestimated
+    estimated = any(error is not None for error in answer.errors.values())
+    result.unestimated = "" if estimated else answer.unestimated
     result.skipped += answer.notes
     result.inputs = list(answer.inputs)
     result.estimates = scene.estimates(answer)
