@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -105,7 +106,7 @@ def test_a_coarser_march_without_an_answer_is_told(
 
     monkeypatch.setattr(Line, "begin", stops)
     result = air(geometry__length=0.01).scene.run(tmp_path)
-    assert ("stations on" in (tmp_path / "run.log").read_text()) == begun
+    assert bool(re.search(r"\d stations on", (tmp_path / "run.log").read_text())) == begun
     words = "the march with cells and steps twice as large has no answer: marching ends at z = 0 m"
     assert result.unestimated == words
     assert result.quantities["pressure_drop"].error_estimate is None
