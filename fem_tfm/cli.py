@@ -297,7 +297,10 @@ def _wrapped(text: str, label: str) -> str:
     """A text after its label, broken to the width of the terminal under the text's begin."""
     width = max(40, shutil.get_terminal_size().columns)
     hanging = " " * min(len(label), 8)
-    return textwrap.fill(text, width, initial_indent=label, subsequent_indent=hanging)
+    # a command is not broken at its hyphens
+    return textwrap.fill(
+        text, width, initial_indent=label, subsequent_indent=hanging, break_on_hyphens=False
+    )
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -60,6 +60,30 @@ def friction_velocity(speed: float, width: float, viscosity: float) -> float:
     return speed * math.sqrt(smooth_friction(speed * width / viscosity) / 8)
 
 
+def sound_speed(gas: Gas) -> float:
+    """sqrt(1.4 R T) of an ideal gas, 343 m/s of one by its density [m/s].
+
+    1.4 is cp/cv of gases with two atoms a molecule; others are within 10 %.
+    """
+    if gas.pressure is None:
+        return 343.0
+    return math.sqrt(1.4 * gas.pressure / gas.density)
+
+
+def cunningham(gas: Gas, diameter: float) -> float:
+    """Factor by which the slip of a gas lowers the drag of a grain [-].
+
+        C = 1 + Kn [1.257 + 0.4 exp(-1.1/Kn)],  Kn = 2 l/d,  l = (mu/rho) sqrt(pi/(2 R T))
+
+    diameter : of the grain d [m]
+
+    Source: Davies (1945), Proc. Phys. Soc. 57, 259-270.
+    """
+    path = gas.viscosity / gas.density * math.sqrt(1.4 * math.pi / 2) / sound_speed(gas)
+    knudsen = 2 * path / diameter
+    return 1 + knudsen * (1.257 + 0.4 * math.exp(-1.1 / knudsen))
+
+
 def terminal_velocity(gas: Gas, solids: Solids, gravity: float) -> float:
     """Velocity at which one grain falls through the gas [m/s].
 

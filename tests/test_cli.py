@@ -296,6 +296,14 @@ def test_keys_of_a_table_or_one(
     assert capsys.readouterr().out.count("read by") == number
 
 
+def test_the_key_of_a_law_leads_to_its_parameters(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["keys", "walls.solids"]) == 0
+    command = "fem-tfm models solids-wall"
+    assert f"walls.solids.NAME: {command})" in " ".join(capsys.readouterr().out.split())
+    assert main(command.split()[1:]) == 0
+    assert "roughness_deg = 3.0" in capsys.readouterr().out
+
+
 def test_keys_tells_who_reads(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["keys", "output.stations"]) == 0
     out = " ".join(capsys.readouterr().out.split())

@@ -8,7 +8,6 @@ machine are compiled on the way, which counts here and not in what is told: run 
 from __future__ import annotations
 
 import tempfile
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from fem_tfm.bench.demo import demo
 from fem_tfm.bench.error import tell
 from fem_tfm.case import Case
 from fem_tfm.errors import SolverError
+from fem_tfm.output.result import cpu_seconds
 
 # the factor within which the time is to be told
 FACTOR = 3.0
@@ -110,7 +110,13 @@ def lines() -> dict[str, dict[str, Any]]:
 
 
 def cases() -> dict[str, Case]:
-    """All cases by name; raises InputError without the checkout."""
+    """All cases by name.
+
+    Raises
+    ------
+    InputError
+        there is no checkout of the repository with its demos.
+    """
     found = {name: demo(*parts) for name, parts in DEMOS.items()}
     return found | {name: Case.from_dict(tables) for name, tables in lines().items()}
 
@@ -144,13 +150,13 @@ class Timed:
 
 def measure(name: str, case: Case) -> Timed:
     """Run one case in a directory that is thrown away."""
-    told, status, began = case.scene.expected_time(), "answer", time.process_time()
+    told, status, began = case.scene.expected_time(), "answer", cpu_seconds()
     with tempfile.TemporaryDirectory() as folder:
         try:
             case.scene.run(Path(folder) / "run")
         except SolverError as error:
             status = f"no answer ({error})"
-    return Timed(name, told, time.process_time() - began, status)
+    return Timed(name, told, cpu_seconds() - began, status)
 
 
 def table(chosen: Mapping[str, Case]) -> Iterator[Timed]:

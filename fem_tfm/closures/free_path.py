@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from fem_tfm.closures.base import Closure, register
-from fem_tfm.closures.granular import Kinetic
-from fem_tfm.closures.ops import Value
+from fem_tfm.closures.granular import Granular, Kinetic
+from fem_tfm.closures.ops import Value, minimum
 from fem_tfm.materials import Solids
 
 # keeps a void without grains finite
@@ -33,10 +33,21 @@ class FreePath(Closure):
     absent: ClassVar[bool] = False
 
     @abstractmethod
-    def limited(
-        self, kinetic: Kinetic, alpha_s: Value, theta: Value, g0: Value, beta: Value, solids: Solids
+    def coefficients(
+        self,
+        theory: Granular,
+        alpha_s: Value,
+        theta: Value,
+        g0: Value,
+        beta: Value,
+        solids: Solids,
+        length: Value,
     ) -> Kinetic:
-        """The coefficients of grains in a gas with the drag coefficient beta [kg/m3/s]."""
+        """Those of a kinetic theory, of grains in a gas.
+
+        beta : drag coefficient [kg/m3/s]
+        length : pipe diameter [m], as for the theory
+        """
 
 
 @register("free-path", "none")
@@ -52,11 +63,18 @@ class Unlimited(FreePath):
 
     absent: ClassVar[bool] = True
 
-    def limited(
-        self, kinetic: Kinetic, alpha_s: Value, theta: Value, g0: Value, beta: Value, solids: Solids
+    def coefficients(
+        self,
+        theory: Granular,
+        alpha_s: Value,
+        theta: Value,
+        g0: Value,
+        beta: Value,
+        solids: Solids,
+        length: Value,
     ) -> Kinetic:
-        """The same."""
-        return kinetic
+        """Those of the theory; beta does not count."""
+        return theory.coefficients(alpha_s, theta, g0, solids, length)
 
 
 @register("free-path", "agrawal")
@@ -64,32 +82,45 @@ class Unlimited(FreePath):
 class Agrawal(FreePath):
     """Drag limits the mean free path (Agrawal).
 
-        mu    = mu_c + mu_k/[1 + 2 beta mu_k/((a rho_s)^2 g0 Theta)],  mu_c = (3/5) lambda
-        kappa = kappa_c + kappa_k/[1 + (6/5) beta kappa_k/((a rho_s)^2 g0 Theta)],
+        mu    = mu_c + mu_k/[1 + 2 beta mu_d/((a rho_s)^2 g0 Theta)],  mu_c = (3/5) lambda
+        kappa = kappa_c + kappa_k/[1 + (6/5) beta kappa_d/((a rho_s)^2 g0 Theta)],
         kappa_c = (3/2) lambda
 
-    mu_k and kappa_k are the kinetic parts of any theory. mu_c and kappa_c are those of contacts,
-    which need no path and stay as do lambda, the pressure and the dissipation. For a -> 0 mu and
-    kappa tend to a rho_s tau Theta/2 and a rho_s tau Theta/1.2 with the relaxation time
-    tau = a rho_s/beta of a grain: proportional to a and without the mean free path.
+    mu_c and kappa_c are those of contacts, which need no path and stay as do lambda, the pressure
+    and the dissipation; mu_k and kappa_k are the rest of any theory. mu_d and kappa_d are the
+    theory's coefficients of dilute grains, so that the brackets hold the time between collisions
+    over the relaxation time tau = a rho_s/beta of a grain. For a -> 0 mu and kappa tend to
+    a rho_s tau Theta/2 and a rho_s tau Theta/1.2: proportional to a and without the mean free path.
+
+    Dense grains of e < 0.5 get less than mu_c or kappa_c from theories of nearly elastic grains;
+    there is nothing to brake then, and the theory's value stays. Hence 0 < mu' <= mu of the theory.
 
     Validity: any kinetic theory of grains in a gas, dilute to dense.
     Source: Agrawal, Loezos, Syamlal and Sundaresan (2001), J. Fluid Mech. 445, 151-185; Syamlal,
     Rogers and O'Brien (1993), MFIX Documentation: Theory Guide.
     """
 
-    def limited(
-        self, kinetic: Kinetic, alpha_s: Value, theta: Value, g0: Value, beta: Value, solids: Solids
+    def coefficients(
+        self,
+        theory: Granular,
+        alpha_s: Value,
+        theta: Value,
+        g0: Value,
+        beta: Value,
+        solids: Solids,
+        length: Value,
     ) -> Kinetic:
-        """The coefficients of grains in a gas with the drag coefficient beta [kg/m3/s]."""
+        """Those of the theory, with what flights carry held back by the drag."""
+        found = theory.coefficients(alpha_s, theta, g0, solids, length)
+        viscosity, conductivity = theory.dilute(alpha_s, theta, solids, length)
         held = (alpha_s * solids.density) ** 2 * g0 * theta
 
-        def braked(whole: Value, contact: float, factor: float) -> Value:
-            of_contacts = contact * kinetic.bulk_viscosity
-            free = whole - of_contacts
-            return of_contacts + free * held / (held + factor * beta * free + _TINY)
+        def braked(whole: Value, of_contacts: Value, braking: Value) -> Value:
+            contact = minimum(whole, of_contacts)
+            return contact + (whole - contact) * held / (held + beta * braking + _TINY)
 
-        return kinetic._replace(
-            shear_viscosity=braked(kinetic.shear_viscosity, 0.6, 2.0),
-            conductivity=braked(kinetic.conductivity, 1.5, 1.2),
+        bulk = found.bulk_viscosity
+        return found._replace(
+            shear_viscosity=braked(found.shear_viscosity, 0.6 * bulk, 2 * viscosity),
+            conductivity=braked(found.conductivity, 1.5 * bulk, 1.2 * conductivity),
         )

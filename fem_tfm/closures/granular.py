@@ -55,6 +55,16 @@ class Granular(Closure):
     ) -> Kinetic:
         """Coefficients at granular temperature `theta` [m2/s2], pipe diameter `length` [m]."""
 
+    @abstractmethod
+    def dilute(
+        self, alpha_s: Value, theta: Value, solids: Solids, length: Value
+    ) -> tuple[Value, Value]:
+        """mu_d [Pa s] and kappa_d [kg/m/s] of grains that carry by their flights alone.
+
+        The kinetic parts of mu and kappa tend to them as a -> 0, where g0 = 1 and d << R; at any a
+        they are without what collisions add to the flights.
+        """
+
     def pressure(self, alpha_s: Value, theta: Value, g0: Value, solids: Solids) -> Value:
         """p [Pa], that of the coefficients, without the others."""
         return lun_pressure(alpha_s, theta, g0, solids)
@@ -116,13 +126,31 @@ class GidaspowKinetics(Granular):
             dissipation=lun_dissipation(alpha_s, theta, g0, solids),
         )
 
+    def dilute(
+        self, alpha_s: Value, theta: Value, solids: Solids, length: Value
+    ) -> tuple[Value, Value]:
+        """mu_d and kappa_d; only Theta counts."""
+        unit = _flights(theta, solids) / (1 + solids.restitution)
+        return 10 / 96 * unit, 150 / 384 * unit
+
+
+def _flights(theta: Value, solids: Solids) -> Value:
+    """rho_s d sqrt(pi Theta) [Pa s]."""
+    return solids.density * solids.diameter * _SQRT_PI * speed(theta)
+
+
+def _lun_dilute(theta: Value, solids: Solids) -> tuple[Value, Value]:
+    """Lun's mu_d and kappa_d."""
+    eta, unit = (1 + solids.restitution) / 2, _flights(theta, solids)
+    return 5 / 96 * unit / (eta * (2 - eta)), 25 / 16 * unit / (eta * (41 - 33 * eta))
+
 
 def _lun_coefficients(
     alpha_s: Value, theta: Value, g0: Value, solids: Solids, free_path: Value
 ) -> Kinetic:
     """Lun's coefficients with `free_path` = 1/(g0 (1 + path/R)) for 1/g0 in the kinetic parts."""
     a, eta = alpha_s, (1 + solids.restitution) / 2
-    unit = solids.density * solids.diameter * _SQRT_PI * speed(theta)
+    unit = _flights(theta, solids)
     packed = 8 * eta * a * g0
     mu = (free_path / eta + 1.6 * a) * (1 + 0.2 * (3 * eta - 2) * packed) / (2 - eta)
     mu = mu + 768 / (25 * math.pi) * eta * a**2 * g0
@@ -160,6 +188,12 @@ class Lun(Granular):
         """Coefficients at granular temperature `theta` [m2/s2]; `length` is not used."""
         return _lun_coefficients(alpha_s, theta, g0, solids, 1 / g0)
 
+    def dilute(
+        self, alpha_s: Value, theta: Value, solids: Solids, length: Value
+    ) -> tuple[Value, Value]:
+        """mu_d and kappa_d; only Theta counts."""
+        return _lun_dilute(theta, solids)
+
 
 @register("granular", "hrenya-sinclair")
 @dataclass(frozen=True)
@@ -179,8 +213,21 @@ class HrenyaSinclair(Granular):
         self, alpha_s: Value, theta: Value, g0: Value, solids: Solids, length: Value
     ) -> Kinetic:
         """Coefficients at granular temperature `theta` [m2/s2], pipe diameter `length` [m]."""
-        knudsen = solids.diameter / (6 * math.sqrt(2) * (length / 2))
+        knudsen = self._knudsen(solids, length)
         return _lun_coefficients(alpha_s, theta, g0, solids, alpha_s / ((alpha_s + knudsen) * g0))
+
+    def dilute(
+        self, alpha_s: Value, theta: Value, solids: Solids, length: Value
+    ) -> tuple[Value, Value]:
+        """mu_d and kappa_d, Lun's over 1 + path/R."""
+        share = alpha_s / (alpha_s + self._knudsen(solids, length))
+        viscosity, conductivity = _lun_dilute(theta, solids)
+        return share * viscosity, share * conductivity
+
+    @staticmethod
+    def _knudsen(solids: Solids, length: Value) -> Value:
+        """a path/R [-]."""
+        return solids.diameter / (6 * math.sqrt(2) * (length / 2))
 
 
 @register("granular", "syamlal-obrien")
@@ -206,7 +253,7 @@ class SyamlalOBrienKinetics(Granular):
     ) -> Kinetic:
         """Coefficients at granular temperature `theta` [m2/s2]; `length` is not used."""
         a, e, eta = alpha_s, solids.restitution, (1 + solids.restitution) / 2
-        thermal = a * solids.density * solids.diameter * _SQRT_PI * speed(theta)
+        thermal = self._thermal(a, theta, solids)
         collisional = collisional_viscosity(a, theta, g0, solids)
         kinetic = 1 + 0.4 * (1 + e) * (3 * e - 1) * a * g0
         factor = 41 - 33 * eta
@@ -219,6 +266,18 @@ class SyamlalOBrienKinetics(Granular):
             conductivity=15 / 4 * thermal / factor * kappa,
             dissipation=lun_dissipation(a, theta, g0, solids),
         )
+
+    def dilute(
+        self, alpha_s: Value, theta: Value, solids: Solids, length: Value
+    ) -> tuple[Value, Value]:
+        """mu_d and kappa_d, proportional to a."""
+        e, thermal = solids.restitution, self._thermal(alpha_s, theta, solids)
+        return thermal / (6 * (3 - e)), 15 / 4 * thermal / (41 - 33 * (1 + e) / 2)
+
+    @staticmethod
+    def _thermal(alpha_s: Value, theta: Value, solids: Solids) -> Value:
+        """a rho_s d sqrt(pi Theta) [Pa s]."""
+        return alpha_s * solids.density * solids.diameter * _SQRT_PI * speed(theta)
 
 
 @register("granular", "garzo-dufty")
@@ -248,9 +307,8 @@ class GarzoDufty(Granular):
         self, alpha_s: Value, theta: Value, g0: Value, solids: Solids, length: Value
     ) -> Kinetic:
         """Coefficients at granular temperature `theta` [m2/s2]; `length` is not used."""
-        a, e = alpha_s, solids.restitution
-        c = 32 * (1 - e) * (1 - 2 * e**2) / (81 - 17 * e + 30 * e**2 * (1 - e))
-        unit = 5 / 96 * _SQRT_PI * solids.density * solids.diameter * speed(theta)
+        a, e, c = alpha_s, solids.restitution, self._kurtosis(solids)
+        unit = self._unit(theta, solids)
         bulk = unit * 128 / (5 * math.pi) * a**2 * g0 * (1 + e) * (1 - c / 32)
         kinetic = unit * self._viscous(a, e, c, g0) * (1 + 0.8 * a * g0 * (1 + e))
         conduction = self._thermal(a, e, c, g0) * (1 + 1.2 * a * g0 * (1 + e))
@@ -262,6 +320,24 @@ class GarzoDufty(Granular):
             conductivity=15 / 4 * unit * (conduction + contact),
             dissipation=lun_dissipation(a, theta, g0, solids) * (1 + 3 / 32 * c),
         )
+
+    def dilute(
+        self, alpha_s: Value, theta: Value, solids: Solids, length: Value
+    ) -> tuple[Value, Value]:
+        """mu_d and kappa_d; only Theta counts."""
+        e, c, unit = solids.restitution, self._kurtosis(solids), self._unit(theta, solids)
+        return unit * self._viscous(0.0, e, c, 1.0), 15 / 4 * unit * self._thermal(0.0, e, c, 1.0)
+
+    @staticmethod
+    def _unit(theta: Value, solids: Solids) -> Value:
+        """mu_0 [Pa s]."""
+        return 5 / 96 * _SQRT_PI * solids.density * solids.diameter * speed(theta)
+
+    @staticmethod
+    def _kurtosis(solids: Solids) -> Value:
+        """c [-]."""
+        e = solids.restitution
+        return 32 * (1 - e) * (1 - 2 * e**2) / (81 - 17 * e + 30 * e**2 * (1 - e))
 
     @staticmethod
     def _viscous(a: Value, e: Value, c: Value, g0: Value) -> Value:

@@ -286,19 +286,14 @@ class Pointwise:
 
     # -- solids --------------------------------------------------------------------------------
 
-    @property
-    def needs_drag(self) -> bool:
-        """Whether the drag limits the coefficients of the kinetic theory."""
-        return not self.closures.free_path.absent
-
     def kinetic(self, alpha: Value, theta: Value, beta: Value) -> tuple[Value, Kinetic]:
         """g0 and the coefficients of the kinetic theory, faded in voids.
 
-        beta : drag coefficient [kg/m3/s], which counts where `needs_drag`
+        beta : drag coefficient [kg/m3/s], which limits the mean free path
         """
         g0 = self.closures.radial.g0(alpha, self.grain)
-        found = self.closures.granular.coefficients(alpha, theta, g0, self.grain, self.diameter)
-        found = self.closures.free_path.limited(found, alpha, theta, g0, beta, self.grain)
+        theory, law = self.closures.granular, self.closures.free_path
+        found = law.coefficients(theory, alpha, theta, g0, beta, self.grain, self.diameter)
         square = alpha * alpha
         # by the square of a: less diffuses through a void than moves there, for fewer iterations
         fade = square / (square + self.regularisation.void_fraction**2)

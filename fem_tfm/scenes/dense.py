@@ -159,7 +159,9 @@ class Dense(SectionPhysics):
         section = solution.section
         balances = checked_balances(section)
         found, errors = estimated(solution, self.scene.geometry.length)
-        notes = [raised_terms(section)] if section.mesh_terms.raised else []
+        alone, notes = len(solution.levels) == 1, []
+        if section.mesh_terms.raised:
+            notes.append(raised_terms(section, alone))
         return {"quantities": found, "errors": errors, "balances": balances, "notes": notes}
 
     def write(self, section: TwoFluidSection, result: Result, out: Path | None, told: Any) -> None:
@@ -284,6 +286,11 @@ def skipped_laws(model: TwoFluid) -> list[str]:
     else:
         if laws.theta == "algebraic":
             left_out.append("transport of granular temperature: closures.theta = algebraic")
+            if laws.solids_wall.heats:
+                left_out.append(
+                    f"heat of the wall, walls.solids = {laws.solids_wall.name}: closures.theta ="
+                    " algebraic"
+                )
         if laws.friction.name == "none":
             left_out.append("frictional stress: closures.friction = none")
         if laws.pressure_force == "alpha":
@@ -312,12 +319,16 @@ def terms_of_mesh(section: TwoFluidSection) -> str:
     return " and ".join(said)
 
 
-def raised_terms(section: TwoFluidSection) -> str:
-    """What an answer with raised terms of the mesh must say."""
-    return (
+def raised_terms(section: TwoFluidSection, alone: bool) -> str:
+    """What an answer with raised terms of the mesh must say.
+
+    alone : on one mesh, whose own error is not known
+    """
+    told = (
         f"standard terms of the mesh: a steady state was found with {terms_of_mesh(section)} and"
         " not with less; error_estimate holds the effect"
     )
+    return f"{told} and not the error of the one mesh" if alone else told
 
 
 # eddies of a pipe live this share of D/U, and the sink of Simonin's law for tracers over Z eps
@@ -356,6 +367,11 @@ def advice(scene: Any) -> list[str]:
         said.append(
             "a turbulent gas with walls.gas = 'no-slip' needs cells of a few viscous lengths at the"
             " wall; 'low-reynolds' makes them and 'log-law' does without"
+        )
+    if solids and laws.theta == "algebraic" and laws.solids_wall.name == "rough":
+        said.append(
+            "walls.solids = 'rough' throws grains off by the heat of the wall, which closures.theta"
+            " = 'algebraic' leaves out: its friction alone counts"
         )
     if solids and laws.dispersed.name == "simonin":
         said += laminarised(scene)

@@ -146,7 +146,7 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
         answer = Answer(
             "converged",
             headline=physics.headline,
-            unestimated="" if len(solution.levels) > 1 else ONE_MESH,
+            unestimated=ONE_MESH,
             state=state,
             factorisations=spent,
             start=start,

@@ -111,14 +111,14 @@ class Developing(SectionScene["Physics", "LineRecorder"]):
         if isinstance(line.coupler, Slabs):
             balances |= line.coupler.balances(physics.force_on_particles(line))
         physics.check_balances(balances)
-        found, errors, unestimated = with_errors(self, line, recorder)
+        found = with_errors(self, line, recorder)
         return Answer(
             "finished",
-            found,
+            found.quantities,
             balances,
             "pressure_drop",
-            errors=errors,
-            unestimated=unestimated,
+            errors=found.errors,
+            unestimated=found.unestimated,
             references=physics.references(),
             state=March(line),
             factorisations=line.station.newton.factorisations + recorder.second_factorisations,
@@ -445,7 +445,8 @@ class LineRecorder(Recorder):
     def second_ends(self, line: Line) -> None:
         """What the second march has cost."""
         newton = line.station.newton
-        self.log(f"{len(line.rows) - 1} stations on {line.station.mesh.num_cells} cells")
+        if line.rows:
+            self.log(f"{len(line.rows) - 1} stations on {line.station.mesh.num_cells} cells")
         self.second_factorisations = newton.factorisations
 
     def restore(self, line: Line) -> None:

@@ -130,7 +130,8 @@ class Key:
         """What it may hold, in words without unit and meaning."""
         if (kind := self._law) is not None:
             family = next(law.family for law in every_law() if issubclass(law, kind))
-            return f"one of {', '.join(names(family))} (fem-tfm models {family})"
+            told = f"their parameters, {self.name}.NAME: fem-tfm models {family}"
+            return f"one of {', '.join(names(family))} ({told})"
         kind, limits = kind_of(self.cls, self.field), self.field.metadata.get("limits", {})
         entry = next(iter(get_args(kind)), None) if get_origin(kind) is tuple else None
         if isinstance(entry, type) and issubclass(entry, Parameters):

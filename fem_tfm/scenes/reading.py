@@ -244,6 +244,21 @@ def value_at(tables: Any, key: str) -> Any:
     return found
 
 
+def put_at(tables: Any, key: str, value: Any) -> None:
+    """Put a value at a dotted key of nested tables, in place; tables go as for `value_at`.
+
+    Raises
+    ------
+    InputError
+        there is no such table.
+    """
+    *outer, name = key.split(".")
+    table = value_at(tables, ".".join(outer)) if outer else tables
+    if not isinstance(table, dict):
+        raise InputError(key, value, "a key of a table of the case")
+    table[name] = value
+
+
 def one_of(listed: Sequence[Any], part: str, key: str) -> int:
     """Number of a table in an array of tables, by its name or by its number from 0 on.
 

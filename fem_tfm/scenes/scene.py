@@ -350,7 +350,7 @@ class Answer:
     balances : relative errors [-]
     headline : the quantity that the last line of the log tells
     errors : estimated errors of quantities, where they are known
-    unestimated : why they are not known, an empty text where they are
+    unestimated : why they are not known where none is
     references : published values that belong to the flow
     notes : what this answer does without, beside what the scene skips
     inputs : what the inputs that the source does not print move the pressure gradient by
@@ -422,7 +422,8 @@ def _finish(scene: Scene[Any, Any], answer: Answer, recorder: Recorder) -> Resul
     errors = dict.fromkeys(told) | known
     result.quantities = with_references(scene, told, errors, answer.references)
     result.balances = dict(answer.balances)
-    result.unestimated = answer.unestimated
+    estimated = any(error is not None for error in answer.errors.values())
+    result.unestimated = "" if estimated else answer.unestimated
     result.skipped += answer.notes
     result.inputs = list(answer.inputs)
     result.estimates = scene.estimates(answer)

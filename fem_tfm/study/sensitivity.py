@@ -23,7 +23,8 @@ def sensitivities(case: Case, answer: Answer, keys: Iterable[str]) -> list[Sensi
     Raises
     ------
     InputError
-        the scene has no sensitivities, a key does not stand for a number, or changes the mesh.
+        the scene has no sensitivities, a key does not stand for a number, changes the mesh, or is
+        one of particles, which the gas of a section does not feel.
     LinearSolveError
         the Jacobian is singular.
     """

@@ -4,6 +4,9 @@
 from __future__ import annotations
 
 import math
+import subprocess
+import sys
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -55,6 +58,15 @@ def test_a_march_is_told_with_that_for_its_error(name: str) -> None:
 def test_a_gas_that_feels_its_particles_is_told_without() -> None:
     alone = told("square_duct/two_way", numerics__error_estimate=False)
     assert told("square_duct/two_way") == alone
+
+
+def test_what_children_take_counts() -> None:
+    """The C compiler of new forms is one."""
+    busy = "import time\nwhile time.process_time() < 0.4: pass"
+    scene = SimpleNamespace(
+        expected_time=lambda: 1.0, run=lambda _: subprocess.run([sys.executable, "-c", busy])
+    )
+    assert times.measure("busy", SimpleNamespace(scene=scene)).taken >= 0.4
 
 
 def test_a_time_within_the_factor_is_close() -> None:

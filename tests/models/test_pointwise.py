@@ -210,4 +210,4 @@ def test_options_that_are_off_leave_every_bit(monkeypatch: pytest.MonkeyPatch) -
     k = found.kinetic
     assert np.array_equal(energy.production, 2 * k.shear_viscosity * square)
     assert np.array_equal(energy.decay, k.dissipation / theta + 3 * beta)
-    assert point.feels_theta and not point.needs_drag
+    assert point.feels_theta

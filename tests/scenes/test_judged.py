@@ -14,8 +14,12 @@ import pytest
 from fem_tfm import Case
 from fem_tfm.cli import main
 from fem_tfm.errors import SolverError
+from fem_tfm.output.summary import MESH_NOTE, error_notes
+from fem_tfm.scenes import dense
+from fem_tfm.scenes.developed import ONE_MESH
 from fem_tfm.scenes.judged import answer as judged
 from fem_tfm.scenes.judged.answer import judge, with_expansion
+from fem_tfm.solvers.easing import MeshTerms
 
 AIR = {"species": "air", "pressure": 1.2e5}
 LINE: dict[str, Any] = {
@@ -111,6 +115,28 @@ def test_an_estimate_above_a_fifth_is_doubted(
             judge(scene, given)
     else:
         judge(scene, given)
+
+
+def test_an_error_that_is_known_is_not_called_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One mesh has none, but for that of raised terms of the mesh."""
+    short = {"geometry.length": 10.0, "numerics.mesh_size": 0.01}
+    case = Case.from_dict(LINE).with_values(short)
+    assert case.scene.run().unestimated == ONE_MESH
+    estimated = dense.estimated
+
+    def of_terms(*given: Any) -> tuple[dict[str, float], dict[str, float | None]]:
+        found, _ = estimated(*given)
+        return found, {name: 1e-3 * abs(value) for name, value in found.items()}
+
+    monkeypatch.setattr(dense, "estimated", of_terms)
+    result = case.scene.run()
+    assert result.unestimated == "" and error_notes(result) == [MESH_NOTE]
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_an_error_of_raised_terms_alone_says_so(alone: bool) -> None:
+    told = dense.raised_terms(SimpleNamespace(mesh_terms=MeshTerms(4.0)), alone)
+    assert ("not the error of the one mesh" in told) == alone
 
 
 def test_meshes_that_disagree_are_followed_by_finer_ones(

@@ -12,12 +12,13 @@ import pytest
 
 from fem_tfm import Case
 from fem_tfm.cli import main
-from fem_tfm.correlations import rizk_velocity, terminal_velocity
+from fem_tfm.closures import names
+from fem_tfm.correlations import cunningham, rizk_velocity, sound_speed, terminal_velocity
 from fem_tfm.errors import InputError, SolverError
 from fem_tfm.materials import Gas, Solids
 from fem_tfm.scenes.judged import memory
 from fem_tfm.scenes.judged.memory import section_cells
-from fem_tfm.scenes.judged.plausible import derived, doubts
+from fem_tfm.scenes.judged.plausible import derived, doubts, out_of_range
 
 RISER: dict[str, Any] = {
     "geometry": {"diameter": 0.05, "length": 10.0, "inclination_deg": 90.0},
@@ -51,6 +52,8 @@ def test_a_plausible_case_has_no_doubts() -> None:
         ("solids.density", 2.5, "over that of the gas 2.103: is solids.density = 2.5 in kg/m3"),
         ("operation.solids_mass_flow", 360.0, "solids superficial velocity 73.34 m/s: more than"),
         ("operation.solids_mass_flow", 12.0, "solids over gas by mass 428.4: outside of what is"),
+        ("operation.gas_superficial_velocity", 120.0, "that of sound 0.3497: its motion alone"),
+        ("solids.diameter", 1e-7, "by Cunningham 2.886: the gas slips along grains of 0.1 um"),
         ("operation.gas_superficial_velocity", 1.0, "more slowly than a grain falls: it lifts"),
     ],
 )
@@ -148,6 +151,48 @@ def test_terminal_velocity_of_a_fine_grain_is_that_of_stokes() -> None:
     stokes = (2500.0 - 1.2) * 9.81 * 1e-10 / (18 * 1.8e-5)
     assert terminal_velocity(air, grain, 9.81) == pytest.approx(stokes, rel=0.01)
     assert terminal_velocity(air, grain, 0.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("diameter", "factor"), [(1e-9, 1.657), (1e-5, 1.257), (1.32e-7, 1.257 + 0.4 * math.exp(-1.1))]
+)
+def test_slip_of_air_along_a_grain(diameter: float, factor: float) -> None:
+    """(C - 1)/Kn with a mean free path of 0.066 um in air of 20 C and 1 atm; sound at 343.2 m/s."""
+    air = Gas.species("air", 101_325.0)
+    slip = cunningham(air, diameter) - 1
+    assert slip * diameter / (2 * 0.066e-6) == pytest.approx(factor, rel=0.03)
+    assert sound_speed(air) == pytest.approx(343.2, rel=2e-3)
+    assert sound_speed(Gas(density=33.2, viscosity=1.7e-5)) == 343.0
+
+
+@pytest.mark.parametrize(
+    ("change", "cured"),
+    [
+        ({}, True),
+        ({"geometry.inclination_deg": 90.0}, False),
+        ({"closures.theta": "algebraic"}, False),
+        ({"walls.solids": "johnson-jackson"}, False),
+    ],
+)
+def test_the_rough_wall_is_named_where_it_acts(change: dict[str, Any], cured: bool) -> None:
+    """A line that rubs too little; in risers, or without heat of the wall, it adds little."""
+    scene = riser(geometry__inclination_deg=0.0).with_values(change).scene
+    parts = {"drop_gas_friction": 1.0, "drop_solids_friction": 1.0}
+    (told,) = out_of_range(scene, {"holdup": 1e-3, "solids_mass_flow": 0.1, **parts})
+    assert ("walls.solids = 'rough'" in told) == cured
+
+
+@pytest.mark.parametrize(
+    ("wall", "heats"),
+    [(name, name not in ("free-slip", "no-slip")) for name in names("solids-wall")],
+)
+def test_an_algebraic_theta_is_told_to_have_no_heat_of_the_wall(wall: str, heats: bool) -> None:
+    case = riser(closures__theta="algebraic", walls__solids=wall)
+    assert any("heat of the wall" in text for text in case.scene.skipped()) == heats
+    assert any("its friction alone" in text for text in case.scene.advice()) == (wall == "rough")
+    transported = case.with_values({"closures.theta": "transport"}).scene
+    told = [*transported.skipped(), *transported.advice()]
+    assert not any("heat of the wall" in text or "friction alone" in text for text in told)
 
 
 # -- time ------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ import pytest
 from fem_tfm.case import Case
 from fem_tfm.errors import InputError
 from fem_tfm.output.result import Result
+from fem_tfm.scenes.judged import inputs
 from fem_tfm.scenes.scene import Answer
 from fem_tfm.study.sensitivity import Sensitivity, sensitivities
 
@@ -135,6 +136,24 @@ def test_a_range_of_what_is_no_number_is_refused(
 ) -> None:
     with pytest.raises(InputError, match=words):
         Case.from_dict({**upward.given, "uncertain": [{**RANGES[0], **changes}]})
+
+
+@pytest.mark.parametrize("name", ["quartz", "0"])
+def test_numbers_of_particles_do_not_move_the_gas(root: Path, name: str) -> None:
+    """A key that leads into an array of tables is found, put and told to be of no effect."""
+    case = Case.load(root / "demos/square_duct/particles.toml")
+    key, scene = f"particles.materials.{name}.density", case.scene
+    value = inputs.number(scene, key)
+    (changed, *others), (before, *left) = (
+        s.particles.materials for s in (inputs.with_number(scene, key, value + 1), scene)
+    )
+    assert (changed.density, others) == (before.density + 1, left)
+    words = "particles leave that of a section as it is"
+    with pytest.raises(InputError, match=words):
+        inputs.neighbours(scene, key)
+    one = {"key": key, "low": value - 100, "high": value + 100, "reason": "another sand"}
+    with pytest.raises(InputError, match=rf"uncertain\[0\].key = .*{words}"):
+        Case.from_dict({**case.given, "uncertain": [one]})
 
 
 def test_a_number_that_is_set_has_no_range_any_more(upward: Case) -> None:

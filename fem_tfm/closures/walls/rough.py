@@ -33,7 +33,7 @@ class Impacts(NamedTuple):
 
     flux : mass that hits, m [kg/m2/s]
     slip : u regularised [m/s]
-    tilt : q, half the mean square sine of the facets that are hit [-]
+    tilt : q, about the mean square sine of the wall's facets, whose mean push is 4 eta q u [-]
     normal : Theta', half the mean square speed of impact on a facet [m2/s2]
     """
 

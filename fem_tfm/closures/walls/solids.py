@@ -51,11 +51,13 @@ class SolidsWall(Closure):
     """Interface of a wall law of the solids.
 
     strong : whether it holds the grains at rest
+    heats : whether it gives or takes granular energy
     flat : whether grains that bounce off it keep their direction
     densest : mean fraction of the solids up to which it is meant [-]
     """
 
     strong: ClassVar[bool] = False
+    heats: ClassVar[bool] = True
     flat: ClassVar[bool] = False
     densest: ClassVar[float] = 1.0
 
@@ -209,6 +211,8 @@ class SolidsFreeSlip(SolidsWall):
     Source: definition.
     """
 
+    heats: ClassVar[bool] = False
+
     def friction(self, state: WallState, solids: Solids) -> Value:
         """Zero."""
         return 0.0
@@ -230,6 +234,7 @@ class SolidsNoSlip(SolidsWall):
     """
 
     strong: ClassVar[bool] = True
+    heats: ClassVar[bool] = False
 
     def friction(self, state: WallState, solids: Solids) -> Value:
         """Zero: the condition is imposed on the velocity."""

@@ -193,7 +193,7 @@ class Turbulence:
         line, cells = self.line, self.line.cells
         slip, alpha = now.u_g - now.u_s, np.maximum(now.alpha, SMALLEST_FRACTION)
         speed, height = laws.speed(slip), line.gas_profile[0]
-        beta = laws.drag(alpha, speed, height) if laws.needs_drag else None
+        beta = laws.drag(alpha, speed, height)
         g0, kinetic = laws.kinetic(alpha, now.theta, beta)
         gradient = cells.ghosted(cells.gradient(now.alpha))
         # grad(alpha)/alpha is limited to that of a front as wide as a cell

@@ -413,8 +413,10 @@ class TwoFluidForms:
             3 a rho_s (dc/dt + u_s.grad c) = (sigma_kin : grad u_s)/c - gamma/c - 3 beta c
                 + 2 div(kappa grad c) + 2 (kappa/c) |grad c|^2
 
-        Nothing in it is singular at c = 0, where production pushes c up. Where Theta falls by
-        decades within a cell the discrete c may dip below zero, and the solution stays bounded.
+        Production by shear is proportional to c, so that nothing of it is singular at c = 0, where
+        it pushes c up. That by slip is not: it tends to beta u^2, and to beta u^2/c here, which
+        `theta_floor` alone bounds. Where Theta falls by decades within a cell the discrete c may
+        dip below zero, and the solution stays bounded.
         """
         solid, c = self.solid(now), now.c
         slope, speed = self.axis.gradient(c), ufl.sqrt(solid.theta)

@@ -15,6 +15,12 @@ from fem_tfm.scenes.judged.plausible import crowded
 LARGEST_ERROR = 0.2
 # quantities whose estimate must be below it
 TRUSTED = ("pressure_gradient", "pressure_drop", "holdup", "friction_factor")
+# what disagrees: the meshes of a section, and a march with a coarser one
+DISAGREE = (
+    "the meshes disagree, so there is no answer",
+    "the march and one with cells and steps twice as large disagree, so there is no answer: raise"
+    " numerics.level or lower numerics.axial_accuracy",
+)
 # drop over the absolute pressure from which a gas of one density is wrong, and very wrong
 NOTICED_DROP, LARGEST_DROP = 0.1, 0.4
 # below this length over the diameter nothing tells whether a march has developed
@@ -32,7 +38,7 @@ def judge(scene: Any, answer: Any) -> list[str]:
         it is no answer: its meshes disagree, or the gas expands far too much for one density.
     """
     if doubt := doubtful(scene, answer.quantities, answer.errors):
-        raise SolverError(f"{doubt}; the meshes disagree, so there is no answer")
+        raise SolverError(f"{doubt}; {DISAGREE[scene.solution == 'developing']}")
     found = answer.quantities
     said = [*_expansion(scene, found), *_development(scene, found)]
     wall = getattr(scene.model, "solids_wall", None)

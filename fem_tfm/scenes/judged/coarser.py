@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from mpi4py import MPI
@@ -21,21 +21,35 @@ SECOND_WORDS = "the line again with cells and steps twice as large"
 SECOND = 1.2
 
 
-def with_errors(
-    scene: Any, line: Line, recorder: Any
-) -> tuple[Mapping[str, float], Mapping[str, float | None], str]:
-    """Quantities of a line that was marched, the estimated error of each, and why there is none.
+@dataclass(frozen=True)
+class Estimated:
+    """What was found with a line, and how well it is known.
+
+    quantities : by name
+    errors : estimated error of each, empty where there is none
+    unestimated : why there is none
+    """
+
+    quantities: Mapping[str, float]
+    errors: Mapping[str, float | None] = field(default_factory=dict)
+    unestimated: str = ""
+
+
+def with_errors(scene: Any, line: Line, recorder: Any) -> Estimated:
+    """Quantities of a line that was marched, and their errors by a second march.
 
     The second march goes without the particles, which a gas that does not feel them does not need.
 
     Raises
     ------
+    InputError
+        Gmsh makes no mesh with cells twice as large.
     TimeIsUp
         the time of the run is over.
     """
     found = line.quantities()
     if why := unavailable(scene):
-        return found, {}, why
+        return Estimated(found, unestimated=why)
     physics = replace(scene, particles=None).physics
     recorder.second()
     coarse = physics.line(recorder.comm, coarser=True)
@@ -46,11 +60,12 @@ def with_errors(
         changed = nested.with_changes([coarse.quantities(), found])
     except SolverError as error:
         recorder.log(f"second march: {error}")
-        return found, {}, f"the march with cells and steps twice as large has no answer: {error}"
+        why = f"the march with cells and steps twice as large has no answer: {error}"
+        return Estimated(found, unestimated=why)
     finally:
         recorder.second_ends(coarse)
         coarse.station.newton.destroy()
-    return *changed, ""
+    return Estimated(*changed)
 
 
 def unavailable(scene: Any) -> str:

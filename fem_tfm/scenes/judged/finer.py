@@ -24,7 +24,10 @@ def halved_mesh(physics: Any, comm: MPI.Comm, number: int) -> Callable[[], Mesh]
 
     number : below zero for cells that are twice as large
 
-    Raises InputError where the section carries no such mesh.
+    Raises
+    ------
+    InputError
+        the section carries no such mesh.
     """
     section, size = physics.section, physics.resolution.core_size(physics.section) / 2**number
     resolution = replace(physics.resolution, mesh_size=size)

@@ -12,13 +12,13 @@ assemblies and no solve.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import MISSING, dataclass
+from dataclasses import MISSING, dataclass, replace
 from typing import Any, ClassVar
 
 from fem_tfm.errors import InputError
 from fem_tfm.output.result import InputRange
 from fem_tfm.parameters import Parameters, parameter
-from fem_tfm.scenes.reading import scene_from, tables_of, value_at
+from fem_tfm.scenes.reading import put_at, scene_from, tables_of, value_at
 
 # step of the differences over the number itself
 STEP = 1e-4
@@ -75,7 +75,8 @@ def sensitivities(scene: Any, answer: Any, keys: Iterable[str]) -> list[Sensitiv
     Raises
     ------
     InputError
-        a key does not stand for a number, or changes the mesh.
+        a key does not stand for a number, changes the mesh, or is one of particles, which the gas
+        of a section does not feel.
     LinearSolveError
         the Jacobian is singular.
     """
@@ -100,9 +101,10 @@ def number(scene: Any, key: str) -> float:
 def neighbours(scene: Any, key: str) -> list[tuple[float, Any]]:
     """Neighbouring numbers and their scenes; the number itself at an end of its range.
 
-    Raises InputError for a key that changes the mesh.
+    Raises InputError for a key that changes the mesh, and for one that the flow does not feel.
     """
     value, found = number(scene, key), []
+    same = replace(with_number(scene, key, value), particles=None)
     step = STEP * (abs(value) or 1.0)
     for other in (value - step, value + step):
         try:
@@ -112,6 +114,9 @@ def neighbours(scene: Any, key: str) -> list[tuple[float, Any]]:
             continue
         if near.section != scene.section:
             raise InputError(key, value, "a key that leaves the mesh as it is")
+        if replace(near, particles=None) == same:
+            words = "a key that the pressure gradient depends on; particles leave that of a section"
+            raise InputError(key, value, f"{words} as it is")
         found.append((other, near))
     return found
 
@@ -119,13 +124,9 @@ def neighbours(scene: Any, key: str) -> list[tuple[float, Any]]:
 def with_number(scene: Any, key: str, value: float) -> Any:
     """The scene with another number at a dotted key, without ranges and published values."""
     tables = tables_of(scene)
+    put_at(tables, key, value)
     for name in ("uncertain", "reference"):
         tables.pop(name, None)
-    *outer, name = key.split(".")
-    table = tables
-    for part in outer:
-        table = table[part]
-    table[name] = value
     return scene_from(tables)
 
 

@@ -10,10 +10,12 @@ from typing import Any
 
 from fem_tfm.closures.walls.solids import SolidsWall
 from fem_tfm.correlations import (
+    cunningham,
     friction_velocity,
     konno_saito,
     rizk_velocity,
     smooth_friction,
+    sound_speed,
     terminal_velocity,
 )
 from fem_tfm.errors import InputError
@@ -21,6 +23,9 @@ from fem_tfm.errors import InputError
 # bounds outside of which a number was hardly meant
 THIN_GAS, COLD_GAS, LIGHT_GRAINS, LIGHT_RATIO = 0.02, 150.0, 20.0, 3.0
 LEAST_LOADING, LARGEST_LOADING, SHORTEST_LINE, SLOWEST = 1e-4, 300.0, 1.0, 50.0
+# velocity of the gas over that of sound up to which it keeps its density, the smallest grain that
+# a continuum carries [m], and the factor by which the gas may slip along it
+LARGEST_MACH, SMALLEST_GRAIN, LARGEST_SLIP = 0.3, 1e-6, 1.15
 # a flux of solids needs a velocity beyond these over and above that of the gas [-], [m/s]
 FAST, FASTER_BY = 3.0, 10.0
 # Rouse numbers below and above which grains stay up and settle, and von Karman's constant
@@ -84,6 +89,14 @@ def _of_the_gas(scene: Any) -> Iterator[Derived]:
     if reynolds < SLOWEST and scene.model.turbulence.name != "laminar":
         doubt = f"nothing is turbulent there; is gas.viscosity = {gas.viscosity:g} in Pa s?"
     yield Derived("Reynolds number of the gas", reynolds, "", doubt)
+    speed, doubt = scene.feed.gas_velocity, ""
+    mach = speed / sound_speed(gas)
+    if mach > LARGEST_MACH:
+        doubt = (
+            "its motion alone changes the density of the gas;"
+            f" is operation.gas_superficial_velocity = {speed:g} in m/s, not in km/h?"
+        )
+    yield Derived("gas velocity over that of sound", mach, "", doubt)
     if reynolds > TURBULENT:
         nu = gas.viscosity / gas.density
         y_plus = scene.wall_offset * friction_velocity(scene.feed.gas_velocity, width, nu) / nu
@@ -108,6 +121,14 @@ def _of_the_solids(scene: Any) -> Iterator[Derived]:
     if solids.density < LIGHT_GRAINS or ratio < LIGHT_RATIO:
         doubt = f"is solids.density = {solids.density:g} in kg/m3, not in g/cm3?"
     yield Derived("solids density over that of the gas", ratio, "", doubt)
+    slip, doubt = cunningham(gas, solids.diameter), ""
+    if slip > LARGEST_SLIP or solids.diameter < SMALLEST_GRAIN:
+        doubt = (
+            f"the gas slips along grains of {1e6 * solids.diameter:g} um, Brownian motion spreads"
+            " them and adhesion holds them, which no law here knows; is solids.diameter ="
+            f" {solids.diameter:g} in m?"
+        )
+    yield Derived("slip of the gas along a grain, by Cunningham", slip, "", doubt)
     (kind, _), flux = scene.solids_feed, solids_flux(scene)
     if kind == "flux":
         doubt = ""
@@ -259,8 +280,10 @@ def out_of_range(scene: Any, found: Mapping[str, float]) -> list[str]:
     got = _friction(scene, found)
     if LEAST_FRICTION * expected <= got <= expected / LEAST_FRICTION:
         return []
-    cure = ""
-    if got < expected and scene.model.solids_wall.flat:
+    cure, model = "", scene.model
+    level = abs(scene.geometry.inclination_deg) <= STEEP
+    # it acts by its heat, in level lines
+    if got < expected and level and model.solids_wall.flat and model.theta == "transport":
         cure = "; walls.solids = 'rough' throws grains off the wall and brings such lines nearer"
     return [
         f"friction of {got:.3g} Pa/m is {got / expected:.2g} times the {expected:.3g} Pa/m of"
