@@ -125,15 +125,18 @@ def solve_level(
         nothing led to a steady state.
     """
     control = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
-    march = _march(section, control, observer)
     careful = _march(section, replace(control, **CAREFUL), observer)
-    ways: list[Way] = [(march.run, scheme.cold), (careful.run, scheme.cold)]
-    if previous is not None:
-        lead = _march(section, replace(control, smallest=control.first), observer)
-        ways.insert(0, (partial(lead.run, control.largest), partial(_from, previous, scheme)))
+    ways = [*_plain_ways(section, control, previous, observer, scheme), (careful.run, scheme.cold)]
     if scheme.ease is not None and scheme.calm is not None:
         starts = scheme.calm, scheme.cold
         ways += _eased_ways(section, control, observer, scheme.ease, *starts)
+    return _first_of(ways, section, control, observer)
+
+
+def _first_of(
+    ways: Sequence[Way], section: Any, control: PseudoTimeControl, observer: Observer
+) -> History:
+    """Take the first way that leads to a steady state; the last one's SolverError goes out."""
     for run, begin in ways[:-1]:
         begin(section)
         try:
@@ -143,6 +146,17 @@ def solve_level(
     run, begin = ways[-1]
     begin(section)
     return run()
+
+
+def _plain_ways(
+    section: Any, control: PseudoTimeControl, previous: Any, observer: Observer, scheme: Scheme
+) -> list[Way]:
+    """A warm start where there is another mesh, and a quick cold one."""
+    ways: list[Way] = [(_march(section, control, observer).run, scheme.cold)]
+    if previous is not None:
+        lead = _march(section, replace(control, smallest=control.first), observer)
+        ways.insert(0, (partial(lead.run, control.largest), partial(_from, previous, scheme)))
+    return ways
 
 
 def _from(previous: Any, scheme: Scheme, section: Any) -> None:
@@ -253,6 +267,9 @@ def refine(
 ) -> None:
     """Solve on one more mesh, from the answer on the finest one, and add it to the solution.
 
+    It starts warm, then cold. Careful steps and raised terms of the mesh are left out: they would
+    take many minutes on a fine mesh, and raised terms move away what is asked of it.
+
     Raises
     ------
     SolverError
@@ -263,7 +280,9 @@ def refine(
     compiled, cpu = time.perf_counter() - began, time.process_time()
     observer.begin(section, count, count + 1)
     control = scheme.control(section, tolerance, max_steps)
-    history = solve_level(section, control, solution.section, observer, scheme)
+    control = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
+    ways = _plain_ways(section, control, solution.section, observer, scheme)
+    history = _first_of(ways, section, control, observer)
     cpu = time.process_time() - cpu
     solution.levels.append(Level(section, history, float(section.drive.value), compiled, cpu))
 
