@@ -250,7 +250,8 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
         SolverError
             no step above the smallest succeeds.
         KeyboardInterrupt
-            the user has asked to stop; all ranks stand behind the same step.
+            the user has asked to stop; all ranks stand behind the same step, and particles that
+            follow later start anew.
         """
         if previous is not None:
             previous.close()
@@ -272,10 +273,13 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
                 recorder.step()
                 if request.on_any(recorder.comm):
                     raise KeyboardInterrupt
-        if cloud is not None:
-            cloud.tell()
-        elif self.particles is not None:
-            follow_line(self, LineCarrier(flow, self.particles.dispersion), recorder)
+            if cloud is not None:
+                cloud.tell()
+            elif self.particles is not None:
+                carrier = LineCarrier(flow, self.particles.dispersion)
+                follow_line(self, carrier, recorder, request)
+            if request.on_any(recorder.comm):
+                raise KeyboardInterrupt
         balances = flow.balances()
         if recorder.tracked is not None:
             balances |= recorder.tracked.balances()

@@ -20,6 +20,7 @@ from fem_tfm.models.particles.tracker import Impacts
 from fem_tfm.output.particles.tracked import Moment
 from fem_tfm.output.particles.wear import WearMap
 from fem_tfm.scenes.particles.tracking import COLLISION_CHANGE, MOST_PASSES, Tracking
+from fem_tfm.signals import Request
 
 # stretches of time in which the gas goes from one place that is told to the next, and the longest
 # time that particles are followed, in units of the gas's passage
@@ -101,10 +102,11 @@ class Crossings:
         return arrays
 
 
-def follow_line(scene: Any, carrier: LineCarrier, recorder: Any) -> None:
+def follow_line(scene: Any, carrier: LineCarrier, recorder: Any, request: Request) -> None:
     """Particles of a scene through the gas that its line holds now.
 
-    The recorder keeps what is told of them.
+    The recorder keeps what is told of them. Raises KeyboardInterrupt on all ranks where a request
+    to stop was made on any.
     """
     carrier.update()
     tracking = _OnLine(scene, carrier, recorder.comm)
@@ -112,7 +114,7 @@ def follow_line(scene: Any, carrier: LineCarrier, recorder: Any) -> None:
     passes = 1 if scene.particles.collisions is None else MOST_PASSES
     for number in range(passes):
         recorder.progress.stage(f"following {len(tracking.tracked.material)} parcels")
-        message = tracking.pass_through(recorder.progress)
+        message = tracking.pass_through(recorder.progress, request)
         if tracking.settled:
             break
         if number < passes - 1:
@@ -140,7 +142,7 @@ class _OnLine(Tracking):
         self.impacts = None if self.wear is None else Impacts()
         self.worn: Any = np.zeros((len(places) - 1, 1, 1))
 
-    def pass_through(self, progress: Any) -> str:
+    def pass_through(self, progress: Any, request: Request) -> str:
         """Follow all parcels until they are out, and the cloud that they leave; how it ended."""
         scene = self.scene
         passage = scene.geometry.length / scene.feed.gas_velocity
@@ -149,7 +151,7 @@ class _OnLine(Tracking):
         if self.encounters is not None:
             self.encounters.clear()
         for time in np.arange(1, int(LONGEST * passage / step) + 1) * step:
-            left = self.go_on(float(time))
+            left = self.go_on(float(time), request)
             message = f"{time:.4g} s, {left} parcels inside"
             progress.update(1 - left / len(self.tracked.material), message)
             if not left:
@@ -164,7 +166,7 @@ class _OnLine(Tracking):
         met = self.encounters
         return met is None or met.law is None or self._change < COLLISION_CHANGE
 
-    def go_on(self, time: float) -> int:
+    def go_on(self, time: float, request: Request | None = None) -> int:
         """Follow all parcels to a time [s]; how many are still inside (collective)."""
         self.tracker.advance(
             self.parcels,
@@ -172,6 +174,7 @@ class _OnLine(Tracking):
             until_time=time,
             impacts=self.impacts,
             encounters=self.encounters,
+            request=request,
         )
         self.crossings.take(self.parcels)
         return int(self.comm.allreduce(int((self.parcels.status == INSIDE).sum())))
