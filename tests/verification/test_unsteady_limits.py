@@ -372,7 +372,7 @@ def test_slip_agitates_grains_to_the_balance_at_a_point(
     for _ in range(30):
         moving = replace(found.now, u_s=u_s, u_g=u_g)
         solids = SolidsTransport(moving.alpha, still, still, rest, rest, np.ones(0), rest)
-        step = Step(implicit_euler(found.line, moving, 1.0), 1.0, Inflow(0.0), moving, beta)
+        step = Step(implicit_euler(found.line, moving, 1.0), 1.0, Inflow(0.0), moving, beta, beta)
         step = replace(step, solids=solids, deformation=found.deformation(moving))
         theta, _ = found.temperature.solve(step)
         found.now = replace(found.now, theta=theta)
@@ -405,7 +405,7 @@ def test_sheared_grains_reach_the_temperature_of_the_closed_form(
         moving = replace(found.now, u_s=u_s, u_g=u_s)
         solids = SolidsTransport(moving.alpha, still, still, rest, rest, np.ones(0), rest)
         levels = implicit_euler(found.line, moving, 5e-3)
-        step = Step(levels, 5e-3, Inflow(0.0), moving, drag=rest, solids=solids)
+        step = Step(levels, 5e-3, Inflow(0.0), moving, beta=rest, drag=rest, solids=solids)
         step = replace(step, deformation=found.deformation(moving))
         theta, _ = found.temperature.solve(step)
         found.now = replace(found.now, theta=theta)
@@ -472,7 +472,9 @@ def test_walls_slow_grains_as_their_law_says(law: str) -> None:
     still = np.zeros(found.cells.face_count)
     solids = SolidsTransport(now.alpha, still, still, rest, now.p, np.ones(edge.size), rest)
     levels = implicit_euler(found.line, now, dt)
-    step = Step(levels, dt, Inflow(0.0), now, drag=rest, solids=solids, deformation=rates)
+    step = Step(
+        levels, dt, Inflow(0.0), now, beta=rest, drag=rest, solids=solids, deformation=rates
+    )
     accelerations = [np.zeros_like(now.u_s)] * 2
     velocities, _ = found.momentum.solve(step, found.momentum.phases(step), accelerations)
     assert velocities[0][:, 2] == pytest.approx(speed / (1 + rate * dt), rel=1e-6)

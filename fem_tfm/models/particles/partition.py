@@ -21,27 +21,24 @@ from fem_tfm.models.particles.grid import (
     FOLDS,
     Floats,
     Grid,
+    Numbers,
     Walls,
     as_met,
     neighbours,
     node_coordinates,
 )
 
-type Numbers = npt.NDArray[np.int64]
-
 
 @dataclass(eq=False)
 class Partition:
     """The part of a line that a rank holds, and the layer of ghost cells that touch it.
 
-    mesh : of the line
     grid : own cells
     average : (nodes, own and ghost cells) weights that average cell values at the nodes by volume
     sent : for each rank, own cells whose values it needs
     order : (own and ghost cells,) places among own and received values, by number in the whole
     """
 
-    mesh: Mesh
     grid: Grid
     average: csr_matrix
     sent: list[npt.NDArray[np.int32]]
@@ -74,12 +71,12 @@ class Partition:
             FOLDS[mesh.section.symmetry],
             owned,
             comm=comm,
-            number=original[ranked],
+            global_number=original[ranked],
             keys=keys[ranked].ravel()[first],
             beyond=np.stack([at, facet, beside[at, facet] - own], axis=1).astype(np.int32),
             ghosts=np.stack([np.asarray(cells.owners), original[own:]], axis=1),
         )
-        return cls(mesh, grid, *_layer(grid, _sharers(space)))
+        return cls(grid, *_layer(grid, _sharers(space)))
 
     def at_nodes(self, values: Floats) -> Floats:
         """Cell values averaged at the nodes of the grid by volume (collective).
@@ -113,18 +110,18 @@ def _layer(
     for rank in range(comm.size):
         here = np.isin(flat, shared[0][shared[1] == rank])
         cells = owner[here]
-        told.append((flat[here], grid.number[cells], sizes[cells]))
+        told.append((flat[here], grid.global_number[cells], sizes[cells]))
     keys, number, size = (np.concatenate(a) for a in zip(*comm.alltoall(told), strict=True))
     touching = np.isin(keys, grid.keys)
     keys, number, size = keys[touching], number[touching], size[touching]
     sent, wanted = _ask(grid, np.unique(number))
-    everyone = np.concatenate([grid.number, wanted])
+    everyone = np.concatenate([grid.global_number, wanted])
     order = np.argsort(everyone)
     # entries by node and, at a node, by the number of the cell in the whole
     by_key = np.argsort(grid.keys)
     there = by_key[np.searchsorted(grid.keys[by_key], keys)]
     rows = np.concatenate([grid.nodes.ravel(), there])
-    columns = np.searchsorted(everyone[order], np.concatenate([grid.number[owner], number]))
+    columns = np.searchsorted(everyone[order], np.concatenate([grid.global_number[owner], number]))
     weights = np.concatenate([sizes[owner], size])
     ranked = np.lexsort((columns, rows))
     entries = weights[ranked], (rows[ranked], columns[ranked])
@@ -138,5 +135,5 @@ def _ask(grid: Grid, ghosts: Numbers) -> tuple[list[npt.NDArray[np.int32]], Numb
     comm = grid.comm
     asked = [grid.local(numbers) for numbers in comm.allgather(ghosts)]
     sent = [cells[cells >= 0] for cells in asked]
-    got = comm.alltoall([grid.number[cells] for cells in sent])
+    got = comm.alltoall([grid.global_number[cells] for cells in sent])
     return sent, np.concatenate(got)

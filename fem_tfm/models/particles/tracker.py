@@ -189,7 +189,7 @@ class Tracker:
         Raises
         ------
         KeyboardInterrupt
-            a rank was asked to stop; all of them raise it, with parcels on their way.
+            a rank was asked to stop; all raise it, with parcels on their way.
         RuntimeError
             another rank has failed.
         InputError
@@ -199,10 +199,8 @@ class Tracker:
         if (until_z is None) == (until_time is None):
             raise InputError("particles.until", until_z, "either until_z or until_time")
         end = until_z if until_z is not None else until_time
-        options = self._options(field, parcels) | {
-            "until_time": until_time is not None,
-            "end": float(end),  # type: ignore[arg-type]
-        }
+        options = self._options(field, parcels)
+        options |= {"until_time": until_time is not None, "end": float(end)}  # type: ignore[arg-type]
         sums = ({} if sinks is None else sinks.for_kernel()) | (
             {} if encounters is None else encounters.for_kernel()
         )
@@ -220,7 +218,7 @@ class Tracker:
             arrived.append(moving.select(moving.parcels.status != _kernel.AWAY))
             queue, progress = migration.joined([more, *waiting]), None
         if arrived:
-            migration.collected([*arrived, moving], parcels)
+            migration.put_in_order([*arrived, moving], parcels)
         if leave:
             parcels.status[parcels.status == INSIDE] = OUT
         return Report(*(int(n) for n in totals))

@@ -39,7 +39,7 @@ class Crossings:
     def __init__(self, places: NDArray[np.float64], parcels: Parcels, mesh: Mesh) -> None:
         self.places, self.mesh = places, mesh
         self._found: list[tuple[NDArray[Any], ...]] = []
-        parcels.carried = {"level": np.zeros(len(parcels), dtype=np.int64)}
+        parcels.carried = {"passed": np.zeros(len(parcels), dtype=np.int64)}
         self._stand(parcels)
         self.take(parcels)
 
@@ -50,7 +50,7 @@ class Crossings:
         first : whether this rank keeps what was found
         """
         came = np.isfinite(arrays["time"])
-        parcels.carried = {"level": came.sum(axis=1)[parcels.id]}
+        parcels.carried = {"passed": came.sum(axis=1)[parcels.id]}
         self._stand(parcels)
         number, place = np.nonzero(came)
         parts = (arrays[n][came] for n in ("time", "x", "v"))
@@ -71,18 +71,18 @@ class Crossings:
         """Enter what was crossed since the last call."""
         now, *others = self._state(parcels)
         after = np.column_stack(others)
-        level, along, before = (parcels.carried[n] for n in ("level", "along", "before"))
+        passed, along, before = (parcels.carried[n] for n in ("passed", "along", "before"))
         while True:
-            place = np.minimum(level, len(self.places) - 1)
-            passed = (level < len(self.places)) & (now >= self.places[place])
-            if not passed.any():
+            place = np.minimum(passed, len(self.places) - 1)
+            crossing = (passed < len(self.places)) & (now >= self.places[place])
+            if not crossing.any():
                 break
-            at, step = place[passed], now[passed] - along[passed]
-            share = (self.places[at] - along[passed]) / np.where(step > 0, step, 1.0)
+            at, step = place[crossing], now[crossing] - along[crossing]
+            share = (self.places[at] - along[crossing]) / np.where(step > 0, step, 1.0)
             share = np.clip(np.where(step > 0, share, 1.0), 0.0, 1.0)[:, None]
-            rows = (1 - share) * before[passed] + share * after[passed]
-            self._found.append((parcels.id[passed], at, rows[:, 0], rows[:, 1:4], rows[:, 4:]))
-            level[passed] += 1
+            rows = (1 - share) * before[crossing] + share * after[crossing]
+            self._found.append((parcels.id[crossing], at, rows[:, 0], rows[:, 1:4], rows[:, 4:]))
+            passed[crossing] += 1
         self._stand(parcels)
 
     def whole(self, comm: Any, count: int) -> dict[str, NDArray[Any]] | None:
@@ -253,7 +253,7 @@ class Along(_OnLine):
             return {n.removeprefix(stem): v for n, v in arrays.items() if n.startswith(stem)}
 
         first, whole = self.comm.rank == 0, Parcels.from_arrays(part("parcels."))
-        self.parcels = migration.shared(whole, self.carrier.grid)
+        self.parcels = migration.dealt_by_cell(whole, self.carrier.grid)
         self.crossings.restore(part("crossings."), self.parcels, first)
         if first:
             self.worn = arrays["worn"]
