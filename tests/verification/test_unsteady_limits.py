@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +20,8 @@ from fem_tfm.closures.granular import lun_pressure
 from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.materials import Gas, Solids
 from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow
-from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, SolidsTransport
+from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
+from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, SolidsTransport, StepFailed
 from fem_tfm.models.finite_volume.time_levels import Step, implicit_euler
 from fem_tfm.models.pointwise import tangential
 
@@ -354,6 +357,38 @@ def test_a_hot_end_drives_grains_by_the_whole_pressure_alone(force: str, order: 
         assert np.abs(found.now.u_s).max() < 1e-3 * np.abs(wanted).max()
     else:
         assert found.now.u_s[inside, 2] == pytest.approx(wanted[inside], rel=0.01)
+
+
+@pytest.mark.parametrize("theory", ["lun", "syamlal-obrien"])
+@pytest.mark.parametrize("friction", ["none", "schaeffer", "johnson-jackson"])
+@pytest.mark.parametrize("force", ["full", "alpha"])
+def test_the_matrix_of_the_fraction_is_an_m_matrix(
+    force: str, friction: str, theory: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However steep Theta is: off-diagonals <= 0, and a diagonal above the sum of its column."""
+    changes = {"pressure_force": force, "friction": friction, "granular": theory}
+    closures = {f"closures.{name}": law for name, law in changes.items()}
+    found = flow(box((0.01, 0.01, 0.02), (3, 3, 6), "ssssss"), VACUUM | closures)
+    rng, count, cells = np.random.default_rng(4), found.cells.count, found.cells
+    theta = 10 ** rng.uniform(-8, 1, count)
+    found.initialise(rng.uniform(1e-4, 0.62, count), theta)
+    entries, kept = [], CellMatrix.set
+
+    def spied(matrix: CellMatrix, diagonal: Any, across: Any, *more: Any) -> None:
+        entries.append((diagonal[0], *across[0]))
+        kept(matrix, diagonal, across, *more)
+
+    monkeypatch.setattr(CellMatrix, "set", spied)
+    with contextlib.suppress(StepFailed):
+        found.advance(1e-3, Inflow(0.0))
+    diagonal, of_first, of_second = entries[0]
+    assert diagonal.shape == (count,)
+    assert of_first.max() <= 0 and of_second.max() <= 0
+    assert min(of_first.min(), of_second.min()) < 0
+    inner = found.line.inner
+    column = np.bincount(cells.second, of_first, count)
+    column += np.bincount(cells.first[inner], of_second, count)
+    assert (diagonal + column > -1e-9 * diagonal).all()
 
 
 @pytest.mark.parametrize("start", [1e-12, 1.0])
