@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from grids import box, gas
+from grids import gas
 from mpi4py import MPI
 
 from fem_tfm.closures.particles.collisions import Sommerfeld
 from fem_tfm.closures.particles.impact import Restitution
-from fem_tfm.errors import InputError
 from fem_tfm.geometry.arc import Arc
 from fem_tfm.geometry.mesh import Mesh, extruded_mesh
 from fem_tfm.geometry.resolution import Resolution
@@ -227,11 +226,22 @@ def test_strays_are_found_by_the_rank_that_has_them() -> None:
         assert np.array_equal(ends[0][name], ends[1][name]), name
 
 
-def test_walls_of_facets_are_for_one_rank() -> None:
-    kind, nodes, points = box((2, 2, 2), (1.0, 1.0, 1.0), "hexahedron")
-    pair = WORLD.Dup() if WORLD.size > 1 else None
-    if pair is None:
-        assert Grid(kind, nodes, points, Walls("planes")).comm.size == 1
-        return
-    with pytest.raises(InputError, match=r"walls\.kind"):
-        Grid(kind, nodes, points, Walls("planes"), comm=pair)
+@pytest.mark.mpi
+@pytest.mark.parametrize(("shape", "cells"), LINES)
+def test_walls_of_facets_are_the_same_in_parts(shape: str, cells: str) -> None:
+    """Their ends are open, their sides hold what comes, on any number of ranks in the same bits."""
+    ends = []
+    for comm in (WORLD, SELF):
+        mesh = line(shape, cells, comm)
+        grid = Partition.of(mesh, Walls("planes")).grid
+        parcels = cloud().share(comm)
+        tracker = Tracker([ASH], dispersion="langevin", impact=WALL, seed=3)
+        report = tracker.advance(parcels, stirred(mesh, grid), until_time=0.1)
+        assert comm.allreduce(report.bounces) > 150
+        counts = parcels.counts(comm)
+        assert counts["out"] > 100 and counts["inside"] > 100
+        assert counts["out"] + counts["inside"] == COUNT
+        whole = numbered(parcels, grid).gather(comm)
+        ends.append(comm.bcast(None if whole is None else whole.arrays()))
+    for name in KINDS:
+        assert np.array_equal(ends[0][name], ends[1][name]), name

@@ -108,10 +108,7 @@ class Grid:
     width : smaller width of the section, or of the box around a line [m]
     arrays, kernel : what the kernel knows of the cells
 
-    Raises
-    ------
-    InputError
-        walls are planes, and other ranks hold parts.
+    Where other ranks hold parts it is made on all of them (collective).
     """
 
     cell: Cell
@@ -141,11 +138,9 @@ class Grid:
             "map": maps,
             "curved": curved,
         }
-        if self.walls.kind == "planes":
-            if self.comm.size > 1:
-                raise InputError("walls.kind", "planes", "exact walls for a grid in parts")
-            self.arrays |= faces.near(self)
         self.arrays["neighbour"][self.beyond[:, 0], self.beyond[:, 1]] = -2 - self.beyond[:, 2]
+        if self.walls.kind == "planes":
+            self.arrays |= faces.near(self)
         self.kernel = _kernel.Grid(self.cell.number, self.arrays, len(self.points), self.folds)
 
     @property

@@ -17,6 +17,7 @@ from scipy.sparse import csr_matrix, diags
 
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.models.particles import shapes
+from fem_tfm.models.particles.faces import FLAT
 from fem_tfm.models.particles.grid import (
     FOLDS,
     Floats,
@@ -45,8 +46,11 @@ class Partition:
     order: Numbers
 
     @classmethod
-    def of(cls, mesh: Mesh) -> Partition:
-        """That of a mesh in three dimensions (collective)."""
+    def of(cls, mesh: Mesh, walls: Walls | None = None) -> Partition:
+        """That of a mesh in three dimensions (collective).
+
+        walls : those of its section by default; planes are open at the inlet and at the outlet
+        """
         domain = mesh.mesh
         comm, cells = domain.comm, domain.topology.index_map(3)
         cell, own = shapes.cell_of(domain), cells.size_local
@@ -58,18 +62,24 @@ class Partition:
         owned = np.empty(own, dtype=np.int32)
         owned[ranked] = np.arange(own, dtype=np.int32)
         nodes, first = as_met(keys[ranked])
-        x = node_coordinates(domain, cell, 1)[ranked].reshape(-1, 3)
+        x = node_coordinates(domain, cell, 1)[ranked]
         # ghosts of the mesh lie across facets
         around = np.concatenate([ranked, np.arange(own, len(keys))])
         beside = neighbours(cell, as_met(keys[around])[0])[:own]
         at, facet = np.nonzero(beside >= own)
+        if walls is None:
+            walls = Walls.of(mesh.section, mesh.length, mesh.arc)
+        openings = np.empty((0, 2), dtype=np.int32)
+        if walls.kind == "planes":
+            openings = _ends(mesh, x[:, [list(facet) for facet in cell.facets]])
         grid = Grid(
             cell,
             nodes,
-            x[first],
-            Walls.of(mesh.section, mesh.length, mesh.arc),
+            x.reshape(-1, 3)[first],
+            walls,
             FOLDS[mesh.section.symmetry],
             owned,
+            openings,
             comm=comm,
             global_number=original[ranked],
             keys=keys[ranked].ravel()[first],
@@ -87,6 +97,18 @@ class Partition:
         own[self.grid.owned] = values
         got = self.grid.comm.alltoall([own[cells] for cells in self.sent])
         return np.asarray(self.average @ np.concatenate([own, *got])[self.order])
+
+
+def _ends(mesh: Mesh, corners: Floats) -> npt.NDArray[np.int32]:
+    """Cell and facet of those in the planes of the inlet and of the outlet, (n, 2).
+
+    corners : of each cell's facets (cells, facets, corners, 3) [m]
+    """
+    assert mesh.length is not None
+    along = mesh.straightened(corners.reshape(-1, 3))[:, 2].reshape(corners.shape[:-1])
+    near = FLAT * mesh.length
+    found = (np.abs(along) < near).all(axis=2) | (np.abs(along - mesh.length) < near).all(axis=2)
+    return np.argwhere(found).astype(np.int32)
 
 
 def _sharers(space: Any) -> tuple[Numbers, Numbers]:
