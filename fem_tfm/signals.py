@@ -58,6 +58,34 @@ def deferred() -> Iterator[Request]:
 
 
 @contextmanager
+def together(comm: Any) -> Iterator[None]:
+    """Let work that is broken off on one rank end on all of them (collective).
+
+    Raises
+    ------
+    KeyboardInterrupt
+        a rank was interrupted, and none has failed.
+    RuntimeError
+        another rank has failed; that rank raises what it met.
+    """
+    broken: BaseException | None = None
+    try:
+        yield
+    except (Exception, KeyboardInterrupt) as error:
+        broken = error
+    failed = isinstance(broken, Exception)
+    worst = comm.allreduce(2 if failed else int(broken is not None), MPI.MAX)
+    if worst == 2:
+        told = comm.allgather(repr(broken) if failed else "")
+        if isinstance(broken, Exception):
+            raise broken
+        rank = next(n for n, text in enumerate(told) if text)
+        raise RuntimeError(f"rank {rank} has failed: {told[rank]}")
+    if worst == 1:
+        raise KeyboardInterrupt
+
+
+@contextmanager
 def kept() -> Iterator[None]:
     """Put Python's signal handlers back after a library has replaced them."""
     handlers = {number: signal.getsignal(number) for number in SIGNALS}

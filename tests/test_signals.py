@@ -58,3 +58,19 @@ def test_a_second_signal_interrupts_at_once() -> None:
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGTERM)
     assert signal.getsignal(signal.SIGINT) is before
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("broken", [KeyboardInterrupt(), ValueError("cell")])
+def test_what_breaks_off_one_rank_ends_all(broken: BaseException) -> None:
+    """The last rank alone is broken off, all others reach the end of their work."""
+    comm = MPI.COMM_WORLD
+    last = comm.size - 1
+    expected = type(broken) if comm.rank == last else (KeyboardInterrupt, RuntimeError)
+    with pytest.raises(expected) as found, signals.together(comm):
+        if comm.rank == last:
+            raise broken
+    if comm.rank < last and isinstance(broken, ValueError):
+        assert str(found.value) == f"rank {last} has failed: ValueError('cell')"
+    with signals.together(comm):
+        pass

@@ -21,7 +21,7 @@
 namespace kernel_plain {
 void advance(const kernel::Job&, int64_t, int64_t, kernel::Output&);
 }
-#if defined(KERNEL_AVX2)
+#if defined(KERNEL_X86)
 namespace kernel_avx2 {
 void advance(const kernel::Job&, int64_t, int64_t, kernel::Output&);
 }
@@ -39,7 +39,7 @@ template <class T>
 using Array = nb::ndarray<T, nb::c_contig, nb::device::cpu>;
 
 bool has_avx2() {
-#if defined(KERNEL_AVX2)
+#if defined(KERNEL_X86)
     __builtin_cpu_init();
     return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
 #else
@@ -48,7 +48,7 @@ bool has_avx2() {
 }
 
 bool has_avx512() {
-#if defined(KERNEL_AVX2)
+#if defined(KERNEL_X86)
     return has_avx2() && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
            __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
 #else
@@ -58,7 +58,7 @@ bool has_avx512() {
 
 kernel::Advance variant(const std::string& name) {
     if (name == "plain") return kernel_plain::advance;
-#if defined(KERNEL_AVX2)
+#if defined(KERNEL_X86)
     if (name == "avx2" && has_avx2()) return kernel_avx2::advance;
     if (name == "avx512" && has_avx512()) return kernel_avx512::advance;
 #endif

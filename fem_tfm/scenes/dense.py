@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -201,6 +201,7 @@ class Dense(SectionPhysics):
         """What enters a line, in words."""
         return entering(self.scene)
 
+    @cached_property
     def size(self) -> tuple[int, int]:
         """Cells of the finest mesh, and about how many unknowns."""
         cells = self.meshes()[-1]().num_cells

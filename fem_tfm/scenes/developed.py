@@ -170,13 +170,13 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
     def expected_time(self) -> float:
         """About the CPU time of a run whose forms are compiled [s]."""
         physics = self.physics
-        return physics.cost(physics.size()[1])["solve"] + following_time(self)
+        return physics.cost(physics.size[1])["solve"] + following_time(self)
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
         physics = self.physics
         sizes = physics.resolution.nested_sizes(physics.section, physics.coarsest)
-        cells, unknowns = physics.size()
+        cells, unknowns = physics.size
         cost = physics.cost(unknowns)
         return describe(self, physics.solved_words, physics.given()) | {
             "meshes": ", ".join(f"{1e3 * size:.3g} mm" for size in sizes) + " core cells in turn",

@@ -33,8 +33,8 @@ from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.developed import GAS_UNREAD, UNREAD, SectionScene, describe, time_words
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas, heat_of
 from fem_tfm.scenes.judged.coarser import (
+    BOTH_OVER_FIRST,
     LONGER,
-    SECOND,
     SECOND_WORDS,
     unavailable,
     with_errors,
@@ -60,7 +60,7 @@ def unheard(what: str) -> None:
 
 
 @dataclass(frozen=True)
-class Developing(SectionScene["Physics", "LineRecorder"]):
+class Developing(SectionScene["LinePhysics", "LineRecorder"]):
     """A line from its inlet on: what enters is given, the pressure along it is found.
 
     inlet : how the flow enters
@@ -137,14 +137,14 @@ class Developing(SectionScene["Physics", "LineRecorder"]):
     def expected_time(self) -> float:
         """About the CPU time of a run whose forms are compiled [s]."""
         physics = self.physics
-        march = physics.stations() * physics.station_time * physics.size()[1]
-        return march * (1.0 if unavailable(self) else SECOND) + following_time(self)
+        march = physics.stations() * physics.station_time * physics.size[1]
+        return march * (1.0 if unavailable(self) else BOTH_OVER_FIRST) + following_time(self)
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
         physics = self.physics
         size = physics.resolution.core_size(physics.section)
-        cells, unknowns = physics.size()
+        cells, unknowns = physics.size
         cost, stations = physics.cost(unknowns), physics.stations()
         given = f"{physics.entering()}; found: pressure along the line"
         return describe(self, physics.line_words, given) | {
@@ -222,7 +222,7 @@ def march_control(scene: Any, largest: float, smallest: float, tolerance: float)
     )
 
 
-def fineness(physics: Physics, comm: MPI.Comm, coarser: bool) -> tuple[Mesh, MarchControl]:
+def fineness(physics: LinePhysics, comm: MPI.Comm, coarser: bool) -> tuple[Mesh, MarchControl]:
     """Mesh and steps of a march, or those with cells and steps twice as large."""
     control = physics.control()
     return halved_mesh(physics, comm, -coarser)(), control.coarser(LONGER) if coarser else control
@@ -356,7 +356,7 @@ class DuctMarch(Marching, DuctGas):
         duct_pictures.axis_picture(path, columns, width, self.scene.title)
 
 
-Physics = DenseMarch | DuctMarch
+LinePhysics = DenseMarch | DuctMarch
 
 # -- the run ---------------------------------------------------------------------------------------
 
@@ -373,7 +373,7 @@ class LineRecorder(Recorder):
         self.line: Line | None = None
         self.second_factorisations = 0
         # share of the first march in the time of the run
-        self._first = 1.0 if unavailable(scene) else 1 / SECOND
+        self._first = 1.0 if unavailable(scene) else 1 / BOTH_OVER_FIRST
         self._writer: FieldWriter | None = None
 
     @property

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -177,6 +177,7 @@ class DuctGas(SectionPhysics):
         """What enters a line, in words."""
         return f"bulk velocity {self.scene.feed.gas_velocity:g} m/s, Re {self.scene.reynolds:.4g}"
 
+    @cached_property
     def size(self) -> tuple[int, int]:
         """Cells of the finest mesh, and about how many unknowns."""
         cells = self.meshes()[-1]().num_cells

@@ -145,6 +145,7 @@ class SectionPhysics(Physics, ABC):
     def examine(self) -> None:
         """Refuse what cannot be solved, without solving it; raises InputError."""
 
+    @property
     @abstractmethod
     def size(self) -> tuple[int, int]:
         """Cells of the finest mesh, and about how many unknowns."""

@@ -12,6 +12,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, MISSING, dataclass, field, fields, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
@@ -150,7 +151,7 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
 
     # -- derived numbers -----------------------------------------------------------------------
 
-    @property
+    @cached_property
     def physics(self) -> P:
         """What only the model of this scene tells."""
         found: P = self.kind.physics(self)

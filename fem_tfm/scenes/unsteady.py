@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -85,6 +85,11 @@ class DenseCells(Physics):
     def line(self) -> tuple[Any, Section, Resolution]:
         """Shape, section and resolution, from which the mesh is made."""
         return self.scene.geometry, self.section, self.resolution
+
+    @cached_property
+    def cells(self) -> int:
+        """Cells of the mesh, counted on a section that is made for it."""
+        return line_cells(*self.line, MPI.COMM_SELF)
 
     @property
     def unknowns(self) -> int:
@@ -250,7 +255,8 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
         SolverError
             no step above the smallest succeeds.
         KeyboardInterrupt
-            the user has asked to stop; all ranks stand behind the same step.
+            the user has asked to stop; all ranks stand behind the same step, and particles that
+            follow later start anew.
         """
         if previous is not None:
             previous.close()
@@ -272,10 +278,13 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
                 recorder.step()
                 if request.on_any(recorder.comm):
                     raise KeyboardInterrupt
-        if cloud is not None:
-            cloud.tell()
-        elif self.particles is not None:
-            follow_line(self, LineCarrier(flow, self.particles.dispersion), recorder)
+            if cloud is not None:
+                cloud.tell()
+            elif self.particles is not None:
+                carrier = LineCarrier(flow, self.particles.dispersion)
+                follow_line(self, carrier, recorder, request)
+            if request.on_any(recorder.comm):
+                raise KeyboardInterrupt
         balances = flow.balances()
         if recorder.tracked is not None:
             balances |= recorder.tracked.balances()
@@ -318,18 +327,17 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
 
     def expected_time(self) -> float:
         """About the CPU time of a run [s]."""
-        line = self.physics.line
-        cells, scales = line_cells(*line, MPI.COMM_SELF), len(self.model.scales)
+        cells, scales = self.physics.cells, len(self.model.scales)
         step_time = STEP_TIME + STEP_SCALE_TIME * scales + cells * (CELL_TIME + SCALE_TIME * scales)
         step_time *= SECOND_ORDER if self.numerics.order == 1 else 1.0
-        stepping = step_time * self._steps(axial_layers(*line))
+        stepping = step_time * self._steps(axial_layers(*self.physics.line))
         return START_TIME + stepping + following_time(self)
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
         physics = self.physics
         layers, end = axial_layers(*physics.line), self.numerics.end_time
-        cells, steps = line_cells(*physics.line, MPI.COMM_SELF), self._steps(layers)
+        cells, steps = physics.cells, self._steps(layers)
         words = f"unsteady flow by the two-fluid model: all of 3D, {end:g} s"
         given = f"{dense.entering(self)}; starts from state {self.initial.state!r}"
         return describe(self, words, given) | {

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,6 +14,8 @@ import pytest
 
 from fem_tfm.bench import times
 from fem_tfm.bench.demo import demo
+from fem_tfm.geometry import mesh
+from fem_tfm.models.slug.tube import SlugTube
 from fem_tfm.scenes.kinds import KINDS
 
 
@@ -74,3 +77,31 @@ def test_a_time_within_the_factor_is_close() -> None:
     assert [one.close for one in found] == [False, True, True, False]
     assert times.summary(found).startswith("2 of 4 within a factor of 3; ratios from 0.30 to 3.10")
     assert math.isclose(found[3].ratio, 3.1)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "dense_pipe/case3",
+        "dense_pipe/developing",
+        "dense_pipe/dune",
+        "square_duct/particles",
+        "slug_tube/slug_tube",
+    ],
+)
+def test_what_is_described_is_made_once(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    given, made = demo(f"{name}.toml", {}).scene, []
+
+    def counted(make: Any) -> Any:
+        def work(*arguments: Any, **more: Any) -> Any:
+            made.append(make)
+            return make(*arguments, **more)
+
+        return work
+
+    for owner, maker in ((mesh, "_build"), (SlugTube, "__init__")):
+        monkeypatch.setattr(owner, maker, counted(getattr(owner, maker)))
+    scene = replace(given)
+    scene.describe()
+    scene.expected_time()
+    assert made and len(made) == len(set(made))

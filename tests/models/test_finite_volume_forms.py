@@ -250,7 +250,7 @@ def test_equation_of_the_granular_temperature_is_that_of_the_form(recorded: Reco
     x, w = ufl.TrialFunction(on.scalars), ufl.TestFunction(on.scalars)
     given, _ = recorded.part("temperature")
     step = given.step
-    levels, beta = level_fields(on, step.levels), on.cell(step.drag)
+    levels, beta = level_fields(on, step.levels), on.cell(step.beta)
     moved, old, start = on.fields(step.solids), on.fields(step.state), levels.start
     deformation = on.fields(step.deformation)
     dilation = energy_dilation(moved, deformation, levels)

@@ -19,7 +19,7 @@ from fem_tfm.materials import Solids
 from fem_tfm.models.particles import shapes
 from fem_tfm.models.particles.cloud import Parcels
 from fem_tfm.models.particles.field import Field, cholesky
-from fem_tfm.models.particles.grid import Gathered, neighbours
+from fem_tfm.models.particles.grid import Gathered, Grid, Walls, neighbours
 from fem_tfm.models.particles.tracker import Steps, Tracker
 
 POINT = Solids(density=1000.0, diameter=1e-4)
@@ -171,3 +171,20 @@ def test_steep_positive_values_stay_positive_in_between(cell: shapes.Cell) -> No
     there = np.stack([shapes.monomial(some, p) for p in ((0, 0), *cell.powers)], axis=1)
     assert (there @ np.linalg.solve(table, steep)).min() < 0
     assert (there @ np.linalg.solve(table, cell.linear @ steep)).min() >= 1.0 - 1e-12
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(("walls", "width"), [("none", 0.1), ("rectangle", 0.06)])
+def test_the_width_is_that_of_all_parts(walls: str, width: float) -> None:
+    """It is found once, so that one rank alone may look for what is near."""
+    comm = MPI.COMM_WORLD
+    kind, nodes, points = box((2, 1, 1), (0.3, 0.1, 0.1), "hexahedron")
+    half = (0.03, 0.04) if walls == "rectangle" else (0.0, 0.0)
+    aside = points + np.array([0.3 * comm.rank, 0.0, 0.0])
+    # the last of several ranks holds no cells
+    some = slice(0, len(nodes) if comm.rank < max(comm.size - 1, 1) else 0)
+    nodes, aside = nodes[some], aside if some.stop else aside[:0]
+    grid = Grid(kind, nodes, aside, Walls(walls, half), comm=comm)
+    assert grid.width == pytest.approx(width)
+    if comm.rank == 0:
+        assert grid.nearest(np.array([[0.2, 0.0, 0.0]]))[1].tolist() == [1]

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from grids import box, gas
+from grids import gas
 from mpi4py import MPI
 
 from fem_tfm.closures.particles.collisions import Sommerfeld
 from fem_tfm.closures.particles.impact import Restitution
-from fem_tfm.errors import InputError
 from fem_tfm.geometry.arc import Arc
 from fem_tfm.geometry.mesh import Mesh, extruded_mesh
 from fem_tfm.geometry.resolution import Resolution
@@ -24,7 +23,7 @@ from fem_tfm.models.particles.cloud import KINDS, Parcels
 from fem_tfm.models.particles.encounters import Encounters
 from fem_tfm.models.particles.field import Field
 from fem_tfm.models.particles.grid import Grid, Walls
-from fem_tfm.models.particles.migration import numbered, shared
+from fem_tfm.models.particles.migration import dealt_by_cell, numbered
 from fem_tfm.models.particles.partition import Partition
 from fem_tfm.models.particles.sinks import Sinks
 from fem_tfm.models.particles.tracker import Impacts, Tracker
@@ -141,16 +140,16 @@ def test_a_rank_holds_its_part(cells: str) -> None:
     own, whole = parts.grid, Partition.of(mesh).grid
     assert WORLD.allreduce(own.count) == whole.count
     assert own.count < 0.7 * whole.count or WORLD.size == 1
-    assert np.array_equal(whole.number, np.arange(whole.count))
+    assert np.array_equal(whole.global_number, np.arange(whole.count))
     for name in ("map", "curved"):
-        assert np.array_equal(own.arrays[name], whole.arrays[name][own.number]), name
+        assert np.array_equal(own.arrays[name], whole.arrays[name][own.global_number]), name
     # what lies across a facet is what lies there in the whole
-    beside, there = own.arrays["neighbour"], whole.arrays["neighbour"][own.number]
+    beside, there = own.arrays["neighbour"], whole.arrays["neighbour"][own.global_number]
     assert np.array_equal(beside == -1, there == -1)
     inner, away = beside >= 0, beside < -1
-    assert np.array_equal(own.number[beside[inner]], there[inner])
+    assert np.array_equal(own.global_number[beside[inner]], there[inner])
     assert np.array_equal(own.ghosts[-2 - beside[away], 1], there[away])
-    assert np.array_equal(own.points[own.nodes], whole.points[whole.nodes[own.number]])
+    assert np.array_equal(own.points[own.nodes], whole.points[whole.nodes[own.global_number]])
     points, nodes = own.whole()
     if WORLD.rank == 0:
         assert np.array_equal(points, whole.points) and np.array_equal(nodes, whole.nodes)
@@ -170,10 +169,10 @@ def test_values_of_nodes_need_the_cells_around(shape: str, cells: str) -> None:
         values = np.random.default_rng(2).uniform(-1, 1, (WORLD.allreduce(0) + 100_000, 2))
         own = np.empty((grid.count, 2))
         # in the order of the mesh
-        own[:] = values[grid.number][grid.owned]
+        own[:] = values[grid.global_number][grid.owned]
         found.append((grid, part.at_nodes(own)))
     (grid, mine), (whole, exact) = found
-    assert np.array_equal(mine[grid.nodes], exact[whole.nodes[grid.number]])
+    assert np.array_equal(mine[grid.nodes], exact[whole.nodes[grid.global_number]])
     one = exact[whole.nodes[0, 0]]
     touching = (whole.nodes == whole.nodes[0, 0]).any(axis=1)
     assert one == pytest.approx(
@@ -190,7 +189,7 @@ def test_what_was_stored_goes_on_with_another_number_of_ranks() -> None:
         for comm, time in ((first, 0.03), (SELF, 0.06)):
             mesh = line("bent", "triangle", comm)
             grid = Partition.of(mesh).grid
-            parcels = cloud().share(comm) if stored is None else shared(stored, grid)
+            parcels = cloud().share(comm) if stored is None else dealt_by_cell(stored, grid)
             tracker = Tracker([ASH], dispersion="langevin", impact=WALL, seed=3)
             tracker.advance(parcels, stirred(mesh, grid), until_time=time)
             whole = numbered(parcels, grid).gather(comm)
@@ -227,11 +226,22 @@ def test_strays_are_found_by_the_rank_that_has_them() -> None:
         assert np.array_equal(ends[0][name], ends[1][name]), name
 
 
-def test_walls_of_facets_are_for_one_rank() -> None:
-    kind, nodes, points = box((2, 2, 2), (1.0, 1.0, 1.0), "hexahedron")
-    pair = WORLD.Dup() if WORLD.size > 1 else None
-    if pair is None:
-        assert Grid(kind, nodes, points, Walls("planes")).comm.size == 1
-        return
-    with pytest.raises(InputError, match=r"walls\.kind"):
-        Grid(kind, nodes, points, Walls("planes"), comm=pair)
+@pytest.mark.mpi
+@pytest.mark.parametrize(("shape", "cells"), LINES)
+def test_walls_of_facets_are_the_same_in_parts(shape: str, cells: str) -> None:
+    """Their ends are open, their sides hold what comes, on any number of ranks in the same bits."""
+    ends = []
+    for comm in (WORLD, SELF):
+        mesh = line(shape, cells, comm)
+        grid = Partition.of(mesh, Walls("planes")).grid
+        parcels = cloud().share(comm)
+        tracker = Tracker([ASH], dispersion="langevin", impact=WALL, seed=3)
+        report = tracker.advance(parcels, stirred(mesh, grid), until_time=0.1)
+        assert comm.allreduce(report.bounces) > 150
+        counts = parcels.counts(comm)
+        assert counts["out"] > 100 and counts["inside"] > 100
+        assert counts["out"] + counts["inside"] == COUNT
+        whole = numbered(parcels, grid).gather(comm)
+        ends.append(comm.bcast(None if whole is None else whole.arrays()))
+    for name in KINDS:
+        assert np.array_equal(ends[0][name], ends[1][name]), name

@@ -119,7 +119,7 @@ def test_an_unsteady_mesh_beyond_the_machine_is_refused(monkeypatch: pytest.Monk
 @pytest.mark.parametrize("level", [1, 5, 7])
 def test_cells_are_foreseen_without_the_mesh(level: int) -> None:
     physics = riser(numerics__level=level).scene.physics
-    cells, _ = physics.size()
+    cells, _ = physics.size
     assert section_cells(physics.section, physics.resolution) == pytest.approx(cells, rel=0.25)
 
 

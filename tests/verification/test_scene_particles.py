@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ import fem_tfm as ft
 from fem_tfm import Case
 from fem_tfm.errors import InputError
 from fem_tfm.models.particles.tracker import Report, Tracker
+from fem_tfm.output import checkpoint
 from fem_tfm.output.result import Result
 from fem_tfm.scenes.developing import LineRecorder
 from fem_tfm.scenes.particles.tracking import Tracking, carrier_of
@@ -235,6 +238,38 @@ def test_dust_stays_on_the_outer_wall_of_a_bend() -> None:
     lying = tracked.last.x[(tracked.status == 2) & tracked.of("coarse")]
     assert np.median(lying[:, 2]) > 0.25
     assert tracked.column("coarse", "share")[0] == pytest.approx(1.0)
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize("broken", [None, ValueError("cell")])
+def test_what_breaks_off_one_rank_while_parcels_move_ends_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: Exception | None
+) -> None:
+    """The last rank is interrupted, or fails; the gas is kept, from which a run goes on."""
+    one = bend(**{"numerics.end_time": 2e-3, "particles.parcels": 300})
+    move, calls = Tracker._run, []
+
+    def broken_off(*given: Any) -> Any:
+        calls.append(given)
+        if len(calls) == 5 and COMM.rank == COMM.size - 1:
+            if broken is not None:
+                raise broken
+            os.kill(os.getpid(), signal.SIGINT)
+        return move(*given)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Tracker, "_run", broken_off)
+        last = COMM.rank == COMM.size - 1
+        failure = ValueError if last else RuntimeError
+        with pytest.raises(KeyboardInterrupt if broken is None else failure):
+            run(one, tmp_path)
+    COMM.barrier()
+    assert checkpoint.numbers(tmp_path)["time"] == 2e-3
+    if broken is None:
+        assert Result.read(tmp_path).status == "interrupted"
+        found, whole = run(one, tmp_path, resume=True), run(one)
+        assert found.tracked is not None and whole.tracked is not None
+        assert found.tracked.counts() == whole.tracked.counts()
 
 
 def test_a_straight_line_in_space_carries_like_its_section() -> None:

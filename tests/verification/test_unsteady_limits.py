@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +20,8 @@ from fem_tfm.closures.granular import lun_pressure
 from fem_tfm.closures.walls.solids import WallState
 from fem_tfm.materials import Gas, Solids
 from fem_tfm.models.finite_volume import Inflow, UnsteadyFlow
-from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, SolidsTransport
+from fem_tfm.models.finite_volume.cells.matrix import CellMatrix
+from fem_tfm.models.finite_volume.state import SMALLEST_FRACTION, SolidsTransport, StepFailed
 from fem_tfm.models.finite_volume.time_levels import Step, implicit_euler
 from fem_tfm.models.pointwise import tangential
 
@@ -356,6 +359,38 @@ def test_a_hot_end_drives_grains_by_the_whole_pressure_alone(force: str, order: 
         assert found.now.u_s[inside, 2] == pytest.approx(wanted[inside], rel=0.01)
 
 
+@pytest.mark.parametrize("theory", ["lun", "syamlal-obrien"])
+@pytest.mark.parametrize("friction", ["none", "schaeffer", "johnson-jackson"])
+@pytest.mark.parametrize("force", ["full", "alpha"])
+def test_the_matrix_of_the_fraction_is_an_m_matrix(
+    force: str, friction: str, theory: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However steep Theta is: off-diagonals <= 0, and a diagonal above the sum of its column."""
+    changes = {"pressure_force": force, "friction": friction, "granular": theory}
+    closures = {f"closures.{name}": law for name, law in changes.items()}
+    found = flow(box((0.01, 0.01, 0.02), (3, 3, 6), "ssssss"), VACUUM | closures)
+    rng, count, cells = np.random.default_rng(4), found.cells.count, found.cells
+    theta = 10 ** rng.uniform(-8, 1, count)
+    found.initialise(rng.uniform(1e-4, 0.62, count), theta)
+    entries, kept = [], CellMatrix.set
+
+    def spied(matrix: CellMatrix, diagonal: Any, across: Any, *more: Any) -> None:
+        entries.append((diagonal[0], *across[0]))
+        kept(matrix, diagonal, across, *more)
+
+    monkeypatch.setattr(CellMatrix, "set", spied)
+    with contextlib.suppress(StepFailed):
+        found.advance(1e-3, Inflow(0.0))
+    diagonal, of_first, of_second = entries[0]
+    assert diagonal.shape == (count,)
+    assert of_first.max() <= 0 and of_second.max() <= 0
+    assert min(of_first.min(), of_second.min()) < 0
+    inner = found.line.inner
+    column = np.bincount(cells.second, of_first, count)
+    column += np.bincount(cells.first[inner], of_second, count)
+    assert (diagonal + column > -1e-9 * diagonal).all()
+
+
 @pytest.mark.parametrize("start", [1e-12, 1.0])
 @pytest.mark.parametrize(("e", "alpha"), [(1.0, 0.01), (0.8, 0.3)])
 def test_slip_agitates_grains_to_the_balance_at_a_point(
@@ -372,7 +407,7 @@ def test_slip_agitates_grains_to_the_balance_at_a_point(
     for _ in range(30):
         moving = replace(found.now, u_s=u_s, u_g=u_g)
         solids = SolidsTransport(moving.alpha, still, still, rest, rest, np.ones(0), rest)
-        step = Step(implicit_euler(found.line, moving, 1.0), 1.0, Inflow(0.0), moving, beta)
+        step = Step(implicit_euler(found.line, moving, 1.0), 1.0, Inflow(0.0), moving, beta, beta)
         step = replace(step, solids=solids, deformation=found.deformation(moving))
         theta, _ = found.temperature.solve(step)
         found.now = replace(found.now, theta=theta)
@@ -405,7 +440,7 @@ def test_sheared_grains_reach_the_temperature_of_the_closed_form(
         moving = replace(found.now, u_s=u_s, u_g=u_s)
         solids = SolidsTransport(moving.alpha, still, still, rest, rest, np.ones(0), rest)
         levels = implicit_euler(found.line, moving, 5e-3)
-        step = Step(levels, 5e-3, Inflow(0.0), moving, drag=rest, solids=solids)
+        step = Step(levels, 5e-3, Inflow(0.0), moving, beta=rest, drag=rest, solids=solids)
         step = replace(step, deformation=found.deformation(moving))
         theta, _ = found.temperature.solve(step)
         found.now = replace(found.now, theta=theta)
@@ -472,7 +507,9 @@ def test_walls_slow_grains_as_their_law_says(law: str) -> None:
     still = np.zeros(found.cells.face_count)
     solids = SolidsTransport(now.alpha, still, still, rest, now.p, np.ones(edge.size), rest)
     levels = implicit_euler(found.line, now, dt)
-    step = Step(levels, dt, Inflow(0.0), now, drag=rest, solids=solids, deformation=rates)
+    step = Step(
+        levels, dt, Inflow(0.0), now, beta=rest, drag=rest, solids=solids, deformation=rates
+    )
     accelerations = [np.zeros_like(now.u_s)] * 2
     velocities, _ = found.momentum.solve(step, found.momentum.phases(step), accelerations)
     assert velocities[0][:, 2] == pytest.approx(speed / (1 + rate * dt), rel=1e-6)

@@ -263,7 +263,9 @@ def test_velocities_that_nothing_can_make_end_a_step() -> None:
     found.advance(1e-4, FEED)
     before, limit = found.now, found.speed_limit
     feed = Inflow(6.43, 0.245, 6.09)
-    step = Step(implicit_euler(found.line, before, 1e-4), 1e-4, feed, before, before.alpha)
+    step = Step(
+        implicit_euler(found.line, before, 1e-4), 1e-4, feed, before, before.alpha, before.alpha
+    )
     limit.check(before, step, None)
     work = np.ptp(before.p) / found.gas.density
     most = 2 * (6.43**2 / 0.755**2 + 2 * work) ** 0.5

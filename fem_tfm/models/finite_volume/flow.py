@@ -28,7 +28,6 @@ from fem_tfm.models.finite_volume.state import (
     SMALLEST_FRACTION,
     Inflow,
     Masses,
-    Phase,
     Report,
     SolidsDeformation,
     State,
@@ -105,7 +104,9 @@ class UnsteadyFlow:
         self.level = PressureLevel(line, problem.gravity, hydrostatic_density)
         self.split = DropSplit(line, problem.gravity)
         self.speed_limit = SpeedLimit(line, laws, problem.gravity)
-        self._phases: list[Phase] = []
+        # what the parts of the drop need of the last step
+        self._wall_friction: dict[str, Array] = {}
+        self._thermal_rise: Array | None = None
 
     def initialise(self, alpha: Any = 0.0, theta: float | None = None, p: Any = 0.0) -> None:
         """Put both phases at rest, at time zero.
@@ -131,7 +132,7 @@ class UnsteadyFlow:
         )
         self.previous: PreviousStep | None = None
         self.time, self.steps = 0.0, 0
-        self._phases = []
+        self._wall_friction = {}
         self._count_masses()
 
     def set_velocities(self, u_s: Array, u_g: Array) -> None:
@@ -203,8 +204,8 @@ class UnsteadyFlow:
 
     def _step(self, levels: TimeLevels, dt: float, inflow: Inflow) -> Step:
         """The step with all equations solved."""
-        drag = np.zeros(self.cells.count)
-        step, density = Step(levels, dt, inflow, levels.predicted, drag), None
+        still = np.zeros(self.cells.count)
+        step, density = Step(levels, dt, inflow, levels.predicted, still, still), None
         if self.ideal_gas:
             density = self.ideal_gas.extrapolate(levels, dt)
         if self.turbulence:
@@ -220,7 +221,8 @@ class UnsteadyFlow:
             state = replace(step.state, scales=scales)
             step = step.after("turbulence", iterations, state=state)
         phases = self.momentum.phases(step)
-        self._phases = phases
+        self._wall_friction = {phase.name: phase.wall_friction for phase in phases}
+        self._thermal_rise = phases[0].thermal_rise
         face_forces, accelerations = self.momentum.forces(step, phases)
         velocities, iterations = self.momentum.solve(step, phases, accelerations)
         step = step.after("momentum", iterations)
@@ -272,12 +274,12 @@ class UnsteadyFlow:
         the predicted slip alone the drag and the flow would alternate, so its growth with the slip
         is implicit, too.
         """
-        drag, growth = self.drag(step.state, density)
-        step = replace(step, drag=drag)
+        beta, growth = self.drag(step.state, density)
+        step = replace(step, beta=beta)
         theta, iterations = self.temperature.solve(step)
         state = replace(step.state, theta=theta)
         excess = growth[:, None] * (state.u_g - state.u_s)
-        found = {"state": state, "beta": drag, "drag": drag + growth, "explicit_drag": excess}
+        found = {"state": state, "drag": beta + growth, "explicit_drag": excess}
         return step.after("theta", iterations, **found)
 
     def deformation(self, state: State | PreviousStep) -> SolidsDeformation:
@@ -452,7 +454,7 @@ class UnsteadyFlow:
 
     def _parts(self, drop: float) -> dict[str, float]:
         """Parts of the pressure drop [Pa]; none before a step has found the forces of the wall."""
-        if self.steps < 2 or not self._phases:
+        if self.steps < 2 or not self._wall_friction:
             return {}
         own, now = self.line.own, self.now
         density = self.gas.density * (1 - now.alpha[own])
@@ -460,7 +462,7 @@ class UnsteadyFlow:
             density = density * self.ideal_gas.relative(now.p)[own]
         if self.solids is not None:
             density = density + self.solids.density * now.alpha[own]
-        return self.split.parts(now, self._phases, density, drop)
+        return self.split.parts(now, self._wall_friction, self._thermal_rise, density, drop)
 
     def state(self) -> dict[str, Array]:
         """Everything that the next step needs for the same result, bit for bit.
@@ -514,7 +516,7 @@ class UnsteadyFlow:
             found["scales"] = {name: cells.ghosted(given[name]) for name in scales}
             self.previous = PreviousStep(float(state["before_dt"]), **found)
         self.time, self.steps = float(state["time"]), int(state["steps"])
-        self._phases = []
+        self._wall_friction = {}
         masses = {f.name: float(state[f"mass_{f.name}"]) for f in fields(Masses)}
         self.masses = Masses(**masses)
         self.pressure.renew()

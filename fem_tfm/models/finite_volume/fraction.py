@@ -6,8 +6,10 @@
 
 F_0 is the volume flux of the solids without the pressure at the end of the step, R the flux that a
 difference of that pressure drives. Newton's method solves for w = alpha/(limit - alpha), in which
-p_s is nearly linear; its matrix is an M-matrix, so 0 <= alpha < limit at any step. The result is
-taken from the fluxes, so that the mass of the solids is conserved to round-off.
+p_s is nearly linear; its matrix is an M-matrix, so 0 <= alpha < limit at any step. It stays one
+where grad(Theta) exerts no force: the slope of p_s in a cell is then taken at a Theta between those
+of the two cells of a face, (1 - s) Theta_1 + s Theta_2. The result is taken from the fluxes, so
+that the mass of the solids is conserved to round-off.
 """
 
 from __future__ import annotations

@@ -56,7 +56,7 @@ class GranularTemperature:
         line, laws, solids = self.line, self.laws, step.solids
         own, theta, shear = line.own, step.state.theta, step.deformation.shear
         alpha, dilation = np.maximum(solids.alpha, 0.0), self._dilation(step)
-        coefficients = laws.coefficients(alpha, theta, shear, dilation, step.drag)
+        coefficients = laws.coefficients(alpha, theta, shear, dilation, step.beta)
         if laws.closures.theta == "algebraic":
             found = self._relaxed(step, alpha, coefficients.g0, dilation)
             return self._bounded(found, alpha), 0
@@ -90,9 +90,9 @@ class GranularTemperature:
         """
         laws, shear, now = self.laws, step.deformation.shear, step.levels.now.theta
         expansion = np.maximum(dilation, 0.0)
-        wanted = laws.algebraic_theta(alpha, g0, shear, step.drag, expansion)
-        kinetic = laws.kinetic(alpha, wanted, step.drag)[1]
-        decay = (kinetic.dissipation + kinetic.pressure * expansion) / wanted + 3 * step.drag
+        wanted = laws.algebraic_theta(alpha, g0, shear, step.beta, expansion)
+        kinetic = laws.kinetic(alpha, wanted, step.beta)[1]
+        decay = (kinetic.dissipation + kinetic.pressure * expansion) / wanted + 3 * step.beta
         inertia = 1.5 * laws.grain.density * np.maximum(alpha, SMALLEST_FRACTION) / step.dt
         found = now + decay / (decay + inertia) * (wanted - now)
         return np.minimum(found, now + shear * self.line.cells.volume ** (2 / 3))
@@ -118,7 +118,7 @@ class GranularTemperature:
         theta, shear = state.theta, step.deformation.shear
         alpha, slip = np.maximum(state.alpha, SMALLEST_FRACTION), state.u_g - state.u_s
         energy = self.laws.granular_energy(
-            coefficients, alpha, theta, shear, dilation, step.drag, slip
+            coefficients, alpha, theta, shear, dilation, step.beta, slip
         )
         sink = energy.decay + np.maximum(energy.compression, 0.0) / theta
         source = energy.production + np.maximum(-energy.compression, 0.0)

@@ -396,8 +396,8 @@ class Step:
 
     levels, dt, inflow : levels in time, length [s], boundary values and sources
     state : state at which coefficients are taken: predicted, then solved, equation by equation
-    beta : drag coefficient of the state, in all cells [kg/m3/s]; None without solids
-    drag : that of the momentum equations, with its growth [kg/m3/s]
+    beta : drag coefficient of the state, in all cells, zero without solids [kg/m3/s]
+    drag : that of the momentum equations, with its growth; zero before Theta is solved [kg/m3/s]
     explicit_drag : force on the gas in excess of -beta (u_g - u_s) (cells, 3), opposite on the
         solids [N/m3]; None without
     deformation, solids : of the solids, and the result of their fraction; None without solids
@@ -410,9 +410,9 @@ class Step:
     dt: float
     inflow: Inflow
     state: State
+    beta: Array
     drag: Array
     explicit_drag: Array | None = None
-    beta: Array | None = None
     deformation: SolidsDeformation | None = None
     solids: SolidsTransport | None = None
     turbulence: TurbulenceCoefficients | None = None

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+from mpi4py import MPI
 
 import fem_tfm._kernel as _kernel
 
@@ -21,17 +22,40 @@ FLAT = 1e-9
 
 
 def near(grid: Any) -> dict[str, npt.NDArray[Any]]:
-    """Triangles of the boundary and, for each cell, those of all cells that share a node with it.
+    """Triangles of the boundary and, for each cell, those that share a node with it (collective).
 
-    grid : with cell, nodes, points, folds, open and arrays["neighbour"]
+    They are those of all cells, in the order of the whole, whoever holds the cells.
+
+    grid : with cell, nodes, points, keys, global_number, folds, open, comm, arrays["neighbour"]
+    """
+    everyones = zip(*grid.comm.allgather(_own(grid)), strict=True)
+    place, keys, rows = (np.concatenate(parts) for parts in everyones)
+    touching = np.isin(keys, grid.keys).any(axis=1)
+    place, keys, rows = place[touching], keys[touching], rows[touching]
+    order = np.lexsort(place.T[::-1])
+    # nodes that no cell of this part has get one number more
+    count, by_key = len(grid.points), np.argsort(grid.keys)
+    at = np.minimum(np.searchsorted(grid.keys[by_key], keys[order]), max(count - 1, 0))
+    known = np.append(by_key, count)[at]
+    triangles = np.where(np.append(grid.keys, -1)[known] == keys[order], known, count)
+    start, numbers = _around(grid.nodes, triangles, count + 1)
+    return {"face": np.ascontiguousarray(rows[order]), "near_start": start, "near": numbers}
+
+
+def _own(grid: Any) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Floats]:
+    """Triangles of the cells of this part, (n, 3): where they are in the whole, and their nodes.
+
+    The third are their rows of the kernel. Collective.
     """
     cell: Cell = grid.cell
-    facets = np.argwhere(grid.arrays["neighbour"] < 0)
+    facets = np.argwhere(grid.arrays["neighbour"] == -1)
     corners = grid.nodes[facets[:, 0]][:, :, None]
     table = np.array(cell.facets)
     picked = np.take_along_axis(corners[:, :, 0], table[facets[:, 1]], axis=1)
     if grid.folds:
-        extent = np.ptp(grid.points[:, 0])
+        x, comm = grid.points[:, 0], grid.comm
+        extent = comm.allreduce(x.max(initial=-np.inf), MPI.MAX)
+        extent -= comm.allreduce(x.min(initial=np.inf), MPI.MIN)
         flat = (np.abs(grid.points[picked][:, :, 0]) < FLAT * extent).all(axis=1)
         facets, picked = facets[~flat], picked[~flat]
     open_pairs = {tuple(pair) for pair in np.asarray(grid.open).tolist()}
@@ -41,12 +65,10 @@ def near(grid: Any) -> dict[str, npt.NDArray[Any]]:
     triangles = np.concatenate([picked[:, list(split)] for split in splits])
     kinds, owners = np.tile(kinds, len(splits)), np.tile(facets[:, 0], len(splits))
     inside = grid.points[grid.nodes[owners]].mean(axis=1)
-    start, numbers = _around(grid.nodes, triangles, len(grid.points))
-    return {
-        "face": _faces(grid.points[triangles], inside, kinds),
-        "near_start": start,
-        "near": numbers,
-    }
+    split = np.repeat(np.arange(len(splits)), len(facets))
+    facet = np.tile(facets[:, 1], len(splits))
+    place = np.stack([split, grid.global_number[owners], facet], axis=1)
+    return place, grid.keys[triangles], _faces(grid.points[triangles], inside, kinds)
 
 
 def _faces(corners: Floats, inside: Floats, kinds: Floats) -> Floats:
@@ -63,12 +85,12 @@ def _faces(corners: Floats, inside: Floats, kinds: Floats) -> Floats:
 
 
 def _around(
-    nodes: npt.NDArray[np.int32], triangles: npt.NDArray[np.int32], count: int
+    nodes: npt.NDArray[Any], triangles: npt.NDArray[Any], count: int
 ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
     """Triangles that have a node in common with each cell, as starts and numbers."""
     from scipy.sparse import csr_matrix
 
-    def incidence(rows: npt.NDArray[np.int32]) -> Any:
+    def incidence(rows: npt.NDArray[Any]) -> Any:
         at = np.repeat(np.arange(len(rows)), rows.shape[1])
         return csr_matrix((np.ones(rows.size), (at, rows.ravel())), shape=(len(rows), count))
 

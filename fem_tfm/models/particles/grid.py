@@ -28,6 +28,7 @@ from fem_tfm.models.particles.shapes import Cell
 
 type Floats = npt.NDArray[np.float64]
 type Integers = npt.NDArray[np.int32]
+type Numbers = npt.NDArray[np.int64]
 
 # a cell whose map leaves the affine one by this share of its size is curved
 STRAIGHT = 1e-9
@@ -97,15 +98,17 @@ class Grid:
     open : (facets, 2) cell and facet through which parcels leave, where walls are planes;
         other facets of the boundary are walls unless they lie in the plane x = 0 of a fold
     comm : ranks that hold the other parts; one rank holds all cells
-    number : (cells,) of each cell in the whole, ascending
+    global_number : (cells,) of each cell in the whole, ascending
     keys : (nodes,) of each node in the whole
     beyond : (facets, 3) cell, facet and number of the ghost across it
     ghosts : (ghosts, 2) rank that owns it, number in the whole
 
-    Raises
-    ------
-    InputError
-        walls are planes, and other ranks hold parts.
+    Attributes
+    ----------
+    width : smaller width of the section, or of the box around a line [m]
+    arrays, kernel : what the kernel knows of the cells
+
+    Where other ranks hold parts it is made on all of them (collective).
     """
 
     cell: Cell
@@ -116,16 +119,18 @@ class Grid:
     owned: Integers = field(default_factory=lambda: np.empty(0, dtype=np.int32))
     open: Integers = field(default_factory=lambda: np.empty((0, 2), dtype=np.int32))
     comm: MPI.Comm = field(default_factory=lambda: MPI.COMM_SELF)
-    number: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-    keys: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    global_number: Numbers = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    keys: Numbers = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     beyond: Integers = field(default_factory=lambda: np.empty((0, 3), dtype=np.int32))
-    ghosts: npt.NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
+    ghosts: Numbers = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
+    width: float = field(init=False)
     arrays: dict[str, Any] = field(init=False, repr=False)
     kernel: _kernel.Grid = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        if not len(self.number):
-            self.number, self.keys = np.arange(len(self.nodes)), np.arange(len(self.points))
+        if not len(self.global_number):
+            self.global_number, self.keys = np.arange(len(self.nodes)), np.arange(len(self.points))
+        self.width = self._width()
         maps, curved = self.cell.maps(self.points[self.nodes], STRAIGHT)
         self.arrays = {
             "node": np.ascontiguousarray(self.nodes, dtype=np.int32),
@@ -133,11 +138,9 @@ class Grid:
             "map": maps,
             "curved": curved,
         }
-        if self.walls.kind == "planes":
-            if self.comm.size > 1:
-                raise InputError("walls.kind", "planes", "exact walls for a grid in parts")
-            self.arrays |= faces.near(self)
         self.arrays["neighbour"][self.beyond[:, 0], self.beyond[:, 1]] = -2 - self.beyond[:, 2]
+        if self.walls.kind == "planes":
+            self.arrays |= faces.near(self)
         self.kernel = _kernel.Grid(self.cell.number, self.arrays, len(self.points), self.folds)
 
     @property
@@ -145,13 +148,15 @@ class Grid:
         """Cells."""
         return len(self.nodes)
 
-    @property
-    def width(self) -> float:
-        """Smaller width of the section, or of the box around a line [m] (collective)."""
+    def _width(self) -> float:
+        """Smaller width of the section, or of the box around all parts [m] (collective)."""
         if self.walls.half[0] > 0:
             return 2 * min(self.walls.half)
-        low = self.comm.allreduce(self.points.min(axis=0), MPI.MIN)
-        return float((self.comm.allreduce(self.points.max(axis=0), MPI.MAX) - low).min())
+        # the lowest coordinates, and the highest with their sign turned
+        ends = np.concatenate([self.points, -self.points], axis=1).min(axis=0, initial=np.inf)
+        self.comm.Allreduce(MPI.IN_PLACE, ends, MPI.MIN)
+        low, high = np.split(ends, 2)
+        return float((-high - low).min())
 
     @property
     def sizes(self) -> Floats:
@@ -194,7 +199,7 @@ class Grid:
         least, number = distance.copy(), np.full(len(everywhere), np.iinfo(np.int64).max)
         self.comm.Allreduce(MPI.IN_PLACE, least, MPI.MIN)
         near = distance == least
-        number[near] = self.number[cell[near]]
+        number[near] = self.global_number[cell[near]]
         mine = number.copy()
         self.comm.Allreduce(MPI.IN_PLACE, number, MPI.MIN)
         rank = np.where(near & (mine == number), self.comm.rank, -1)
@@ -204,18 +209,18 @@ class Grid:
 
     def local(self, number: npt.NDArray[Any]) -> Integers:
         """Cells of this part by their numbers in the whole, -1 for those of other ranks."""
-        at = np.searchsorted(self.number, number)
+        at = np.searchsorted(self.global_number, number)
         at = np.minimum(at, max(self.count - 1, 0))
-        own = self.number[at] == number if self.count else np.zeros(len(at), dtype=bool)
+        own = self.global_number[at] == number if self.count else np.zeros(len(at), dtype=bool)
         return np.where(own, at, -1).astype(np.int32)
 
     def numbered(self, cell: Integers) -> Integers:
         """Numbers in the whole of cells of this part; below 0 nothing changes."""
-        return np.where(cell < 0, cell, self.number[np.maximum(cell, 0)]).astype(np.int32)
+        return np.where(cell < 0, cell, self.global_number[np.maximum(cell, 0)]).astype(np.int32)
 
     def collect(self, values: npt.NDArray[Any], axis: int = 0) -> npt.NDArray[Any] | None:
         """Values of all cells in the order of the whole on rank 0, None elsewhere (collective)."""
-        parts = self.comm.gather((self.number, values))
+        parts = self.comm.gather((self.global_number, values))
         if parts is None:
             return None
         order = np.argsort(np.concatenate([part[0] for part in parts]), kind="stable")
@@ -248,7 +253,7 @@ def neighbours(cell: Cell, nodes: Integers) -> Integers:
     same = np.flatnonzero(number[order][1:] == number[order][:-1])
     one, other = order[same], order[same + 1]
     found[one], found[other] = other // len(cell.facets), one // len(cell.facets)
-    return np.ascontiguousarray(found.reshape(len(nodes), -1))
+    return np.ascontiguousarray(found.reshape(len(nodes), len(cell.facets)))
 
 
 def node_coordinates(domain: Any, cell: Cell, degree: int) -> Floats:

@@ -87,7 +87,7 @@ def locate(parcels: Parcels, grid: Grid) -> None:
     parcels.cell[new], parcels.status[new] = -1, _kernel.AWAY
     arrived = handed_over(moving, grid)
     if arrived is not None:
-        collected([moving.select(parcels.status != _kernel.AWAY), arrived], parcels)
+        put_in_order([moving.select(parcels.status != _kernel.AWAY), arrived], parcels)
 
 
 def numbered(parcels: Parcels, grid: Grid) -> Parcels:
@@ -97,7 +97,7 @@ def numbered(parcels: Parcels, grid: Grid) -> Parcels:
     return found
 
 
-def shared(whole: Parcels, grid: Grid) -> Parcels:
+def dealt_by_cell(whole: Parcels, grid: Grid) -> Parcels:
     """Those of a stored cloud that all ranks have whose cells this rank holds.
 
     Parcels without a cell are dealt out by id.
@@ -129,7 +129,7 @@ def handed_over(moving: Moving, grid: Grid, waiting: int = 0) -> Moving | None:
     return _unpacked(np.concatenate(comm.alltoall(sent)), grid)
 
 
-def collected(parts: list[Moving], into: Parcels) -> None:
+def put_in_order(parts: list[Moving], into: Parcels) -> None:
     """Put parcels that have arrived into one cloud, in order of their slots."""
     found = joined(parts)
     into.replace(found.parcels.select(np.argsort(found.slot, kind="stable")))

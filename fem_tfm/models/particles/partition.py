@@ -17,39 +17,40 @@ from scipy.sparse import csr_matrix, diags
 
 from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.models.particles import shapes
+from fem_tfm.models.particles.faces import FLAT
 from fem_tfm.models.particles.grid import (
     FOLDS,
     Floats,
     Grid,
+    Numbers,
     Walls,
     as_met,
     neighbours,
     node_coordinates,
 )
 
-type Numbers = npt.NDArray[np.int64]
-
 
 @dataclass(eq=False)
 class Partition:
     """The part of a line that a rank holds, and the layer of ghost cells that touch it.
 
-    mesh : of the line
     grid : own cells
     average : (nodes, own and ghost cells) weights that average cell values at the nodes by volume
     sent : for each rank, own cells whose values it needs
     order : (own and ghost cells,) places among own and received values, by number in the whole
     """
 
-    mesh: Mesh
     grid: Grid
     average: csr_matrix
     sent: list[npt.NDArray[np.int32]]
     order: Numbers
 
     @classmethod
-    def of(cls, mesh: Mesh) -> Partition:
-        """That of a mesh in three dimensions (collective)."""
+    def of(cls, mesh: Mesh, walls: Walls | None = None) -> Partition:
+        """That of a mesh in three dimensions (collective).
+
+        walls : those of its section by default; planes are open at the inlet and at the outlet
+        """
         domain = mesh.mesh
         comm, cells = domain.comm, domain.topology.index_map(3)
         cell, own = shapes.cell_of(domain), cells.size_local
@@ -61,25 +62,31 @@ class Partition:
         owned = np.empty(own, dtype=np.int32)
         owned[ranked] = np.arange(own, dtype=np.int32)
         nodes, first = as_met(keys[ranked])
-        x = node_coordinates(domain, cell, 1)[ranked].reshape(-1, 3)
+        x = node_coordinates(domain, cell, 1)[ranked]
         # ghosts of the mesh lie across facets
         around = np.concatenate([ranked, np.arange(own, len(keys))])
         beside = neighbours(cell, as_met(keys[around])[0])[:own]
         at, facet = np.nonzero(beside >= own)
+        if walls is None:
+            walls = Walls.of(mesh.section, mesh.length, mesh.arc)
+        openings = np.empty((0, 2), dtype=np.int32)
+        if walls.kind == "planes":
+            openings = _ends(mesh, x[:, [list(facet) for facet in cell.facets]])
         grid = Grid(
             cell,
             nodes,
-            x[first],
-            Walls.of(mesh.section, mesh.length, mesh.arc),
+            x.reshape(-1, 3)[first],
+            walls,
             FOLDS[mesh.section.symmetry],
             owned,
+            openings,
             comm=comm,
-            number=original[ranked],
+            global_number=original[ranked],
             keys=keys[ranked].ravel()[first],
             beyond=np.stack([at, facet, beside[at, facet] - own], axis=1).astype(np.int32),
             ghosts=np.stack([np.asarray(cells.owners), original[own:]], axis=1),
         )
-        return cls(mesh, grid, *_layer(grid, _sharers(space)))
+        return cls(grid, *_layer(grid, _sharers(space)))
 
     def at_nodes(self, values: Floats) -> Floats:
         """Cell values averaged at the nodes of the grid by volume (collective).
@@ -90,6 +97,18 @@ class Partition:
         own[self.grid.owned] = values
         got = self.grid.comm.alltoall([own[cells] for cells in self.sent])
         return np.asarray(self.average @ np.concatenate([own, *got])[self.order])
+
+
+def _ends(mesh: Mesh, corners: Floats) -> npt.NDArray[np.int32]:
+    """Cell and facet of those in the planes of the inlet and of the outlet, (n, 2).
+
+    corners : of each cell's facets (cells, facets, corners, 3) [m]
+    """
+    assert mesh.length is not None
+    along = mesh.straightened(corners.reshape(-1, 3))[:, 2].reshape(corners.shape[:-1])
+    near = FLAT * mesh.length
+    found = (np.abs(along) < near).all(axis=2) | (np.abs(along - mesh.length) < near).all(axis=2)
+    return np.argwhere(found).astype(np.int32)
 
 
 def _sharers(space: Any) -> tuple[Numbers, Numbers]:
@@ -113,18 +132,18 @@ def _layer(
     for rank in range(comm.size):
         here = np.isin(flat, shared[0][shared[1] == rank])
         cells = owner[here]
-        told.append((flat[here], grid.number[cells], sizes[cells]))
+        told.append((flat[here], grid.global_number[cells], sizes[cells]))
     keys, number, size = (np.concatenate(a) for a in zip(*comm.alltoall(told), strict=True))
     touching = np.isin(keys, grid.keys)
     keys, number, size = keys[touching], number[touching], size[touching]
     sent, wanted = _ask(grid, np.unique(number))
-    everyone = np.concatenate([grid.number, wanted])
+    everyone = np.concatenate([grid.global_number, wanted])
     order = np.argsort(everyone)
     # entries by node and, at a node, by the number of the cell in the whole
     by_key = np.argsort(grid.keys)
     there = by_key[np.searchsorted(grid.keys[by_key], keys)]
     rows = np.concatenate([grid.nodes.ravel(), there])
-    columns = np.searchsorted(everyone[order], np.concatenate([grid.number[owner], number]))
+    columns = np.searchsorted(everyone[order], np.concatenate([grid.global_number[owner], number]))
     weights = np.concatenate([sizes[owner], size])
     ranked = np.lexsort((columns, rows))
     entries = weights[ranked], (rows[ranked], columns[ranked])
@@ -138,5 +157,5 @@ def _ask(grid: Grid, ghosts: Numbers) -> tuple[list[npt.NDArray[np.int32]], Numb
     comm = grid.comm
     asked = [grid.local(numbers) for numbers in comm.allgather(ghosts)]
     sent = [cells[cells >= 0] for cells in asked]
-    got = comm.alltoall([grid.number[cells] for cells in sent])
+    got = comm.alltoall([grid.global_number[cells] for cells in sent])
     return sent, np.concatenate(got)

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from mpi4py import MPI
 
 import fem_tfm._kernel as _kernel
+from fem_tfm import signals
 from fem_tfm.closures.base import Closure, law
 from fem_tfm.closures.drag import Drag, stokes
 from fem_tfm.closures.particles.dispersion import ParticleDispersion
@@ -174,17 +175,23 @@ class Tracker:
         encounters: Encounters | None = None,
         leave: bool = False,
         progress: Callable[[float], None] | None = None,
+        request: signals.Request | None = None,
     ) -> Report:
         """Move every parcel inside to a plane z [m], or to a time of its clock [s].
 
         The last step ends there but for a small miss, which stays. With `leave` those that arrive
         are out. With `encounters` particles collide with what it holds, and it is told what they
-        do. `progress` hears the share done, at least once a second. Where other ranks hold parts of
+        do. `progress` hears the share done, at least once a second, and `request` is looked at as
+        often. Where other ranks hold parts of
         the field's grid, all move their parcels at once, and each ends with those in its cells
         (collective).
 
         Raises
         ------
+        KeyboardInterrupt
+            a rank was asked to stop; all raise it, with parcels on their way.
+        RuntimeError
+            another rank has failed.
         InputError
             not exactly one end is given, or sizes differ from those of a material whose drag is no
             function of the Reynolds number alone.
@@ -192,10 +199,8 @@ class Tracker:
         if (until_z is None) == (until_time is None):
             raise InputError("particles.until", until_z, "either until_z or until_time")
         end = until_z if until_z is not None else until_time
-        options = self._options(field, parcels) | {
-            "until_time": until_time is not None,
-            "end": float(end),  # type: ignore[arg-type]
-        }
+        options = self._options(field, parcels)
+        options |= {"until_time": until_time is not None, "end": float(end)}  # type: ignore[arg-type]
         sums = ({} if sinks is None else sinks.for_kernel()) | (
             {} if encounters is None else encounters.for_kernel()
         )
@@ -205,14 +210,15 @@ class Tracker:
         totals = np.zeros(4, dtype=np.int64)
         while True:
             moving, waiting = queue.turn(most)
-            totals += self._run(moving, field, options, sums, impacts, progress)
+            with signals.together(field.grid.comm):
+                totals += self._run(moving, field, options, sums, impacts, progress, request)
             more = migration.handed_over(moving, field.grid, sum(len(w.parcels) for w in waiting))
             if more is None:
                 break
             arrived.append(moving.select(moving.parcels.status != _kernel.AWAY))
             queue, progress = migration.joined([more, *waiting]), None
         if arrived:
-            migration.collected([*arrived, moving], parcels)
+            migration.put_in_order([*arrived, moving], parcels)
         if leave:
             parcels.status[parcels.status == INSIDE] = OUT
         return Report(*(int(n) for n in totals))
@@ -225,6 +231,7 @@ class Tracker:
         sums: dict[str, Any],
         impacts: Impacts | None,
         progress: Callable[[float], None] | None,
+        request: signals.Request | None,
     ) -> npt.NDArray[np.int64]:
         """Move parcels to the end or out of this rank's cells; the numbers of `Report`."""
         given = (
@@ -240,6 +247,8 @@ class Tracker:
         )
         chunk, totals, count = 0, np.zeros(4, dtype=np.int64), len(moving.parcels)
         while chunk >= 0:
+            if request is not None and request.made:
+                raise KeyboardInterrupt
             chunk, *counts = _kernel.advance(*given, chunk, PATIENCE)
             totals += counts
             if progress is not None and chunk >= 0:

@@ -18,7 +18,7 @@ from fem_tfm.solvers import nested
 LONGER = 2.0
 SECOND_WORDS = "the line again with cells and steps twice as large"
 # time of both marches over that of the first, measured on lines of both models
-SECOND = 1.2
+BOTH_OVER_FIRST = 1.2
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from fem_tfm.models.particles.tracker import Impacts
 from fem_tfm.output.particles.tracked import Moment
 from fem_tfm.output.particles.wear import WearMap
 from fem_tfm.scenes.particles.tracking import COLLISION_CHANGE, MOST_PASSES, Tracking
+from fem_tfm.signals import Request
 
 # stretches of time in which the gas goes from one place that is told to the next, and the longest
 # time that particles are followed, in units of the gas's passage
@@ -38,7 +39,7 @@ class Crossings:
     def __init__(self, places: NDArray[np.float64], parcels: Parcels, mesh: Mesh) -> None:
         self.places, self.mesh = places, mesh
         self._found: list[tuple[NDArray[Any], ...]] = []
-        parcels.carried = {"level": np.zeros(len(parcels), dtype=np.int64)}
+        parcels.carried = {"passed": np.zeros(len(parcels), dtype=np.int64)}
         self._stand(parcels)
         self.take(parcels)
 
@@ -49,7 +50,7 @@ class Crossings:
         first : whether this rank keeps what was found
         """
         came = np.isfinite(arrays["time"])
-        parcels.carried = {"level": came.sum(axis=1)[parcels.id]}
+        parcels.carried = {"passed": came.sum(axis=1)[parcels.id]}
         self._stand(parcels)
         number, place = np.nonzero(came)
         parts = (arrays[n][came] for n in ("time", "x", "v"))
@@ -70,18 +71,18 @@ class Crossings:
         """Enter what was crossed since the last call."""
         now, *others = self._state(parcels)
         after = np.column_stack(others)
-        level, along, before = (parcels.carried[n] for n in ("level", "along", "before"))
+        passed, along, before = (parcels.carried[n] for n in ("passed", "along", "before"))
         while True:
-            place = np.minimum(level, len(self.places) - 1)
-            passed = (level < len(self.places)) & (now >= self.places[place])
-            if not passed.any():
+            place = np.minimum(passed, len(self.places) - 1)
+            crossing = (passed < len(self.places)) & (now >= self.places[place])
+            if not crossing.any():
                 break
-            at, step = place[passed], now[passed] - along[passed]
-            share = (self.places[at] - along[passed]) / np.where(step > 0, step, 1.0)
+            at, step = place[crossing], now[crossing] - along[crossing]
+            share = (self.places[at] - along[crossing]) / np.where(step > 0, step, 1.0)
             share = np.clip(np.where(step > 0, share, 1.0), 0.0, 1.0)[:, None]
-            rows = (1 - share) * before[passed] + share * after[passed]
-            self._found.append((parcels.id[passed], at, rows[:, 0], rows[:, 1:4], rows[:, 4:]))
-            level[passed] += 1
+            rows = (1 - share) * before[crossing] + share * after[crossing]
+            self._found.append((parcels.id[crossing], at, rows[:, 0], rows[:, 1:4], rows[:, 4:]))
+            passed[crossing] += 1
         self._stand(parcels)
 
     def whole(self, comm: Any, count: int) -> dict[str, NDArray[Any]] | None:
@@ -101,10 +102,11 @@ class Crossings:
         return arrays
 
 
-def follow_line(scene: Any, carrier: LineCarrier, recorder: Any) -> None:
+def follow_line(scene: Any, carrier: LineCarrier, recorder: Any, request: Request) -> None:
     """Particles of a scene through the gas that its line holds now.
 
-    The recorder keeps what is told of them.
+    The recorder keeps what is told of them. Raises KeyboardInterrupt on all ranks where a request
+    to stop was made on any.
     """
     carrier.update()
     tracking = _OnLine(scene, carrier, recorder.comm)
@@ -112,7 +114,7 @@ def follow_line(scene: Any, carrier: LineCarrier, recorder: Any) -> None:
     passes = 1 if scene.particles.collisions is None else MOST_PASSES
     for number in range(passes):
         recorder.progress.stage(f"following {len(tracking.tracked.material)} parcels")
-        message = tracking.pass_through(recorder.progress)
+        message = tracking.pass_through(recorder.progress, request)
         if tracking.settled:
             break
         if number < passes - 1:
@@ -140,7 +142,7 @@ class _OnLine(Tracking):
         self.impacts = None if self.wear is None else Impacts()
         self.worn: Any = np.zeros((len(places) - 1, 1, 1))
 
-    def pass_through(self, progress: Any) -> str:
+    def pass_through(self, progress: Any, request: Request) -> str:
         """Follow all parcels until they are out, and the cloud that they leave; how it ended."""
         scene = self.scene
         passage = scene.geometry.length / scene.feed.gas_velocity
@@ -149,7 +151,7 @@ class _OnLine(Tracking):
         if self.encounters is not None:
             self.encounters.clear()
         for time in np.arange(1, int(LONGEST * passage / step) + 1) * step:
-            left = self.go_on(float(time))
+            left = self.go_on(float(time), request)
             message = f"{time:.4g} s, {left} parcels inside"
             progress.update(1 - left / len(self.tracked.material), message)
             if not left:
@@ -164,7 +166,7 @@ class _OnLine(Tracking):
         met = self.encounters
         return met is None or met.law is None or self._change < COLLISION_CHANGE
 
-    def go_on(self, time: float) -> int:
+    def go_on(self, time: float, request: Request | None = None) -> int:
         """Follow all parcels to a time [s]; how many are still inside (collective)."""
         self.tracker.advance(
             self.parcels,
@@ -172,6 +174,7 @@ class _OnLine(Tracking):
             until_time=time,
             impacts=self.impacts,
             encounters=self.encounters,
+            request=request,
         )
         self.crossings.take(self.parcels)
         return int(self.comm.allreduce(int((self.parcels.status == INSIDE).sum())))
@@ -250,7 +253,7 @@ class Along(_OnLine):
             return {n.removeprefix(stem): v for n, v in arrays.items() if n.startswith(stem)}
 
         first, whole = self.comm.rank == 0, Parcels.from_arrays(part("parcels."))
-        self.parcels = migration.shared(whole, self.carrier.grid)
+        self.parcels = migration.dealt_by_cell(whole, self.carrier.grid)
         self.crossings.restore(part("crossings."), self.parcels, first)
         if first:
             self.worn = arrays["worn"]

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields
+from functools import cached_property
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -92,6 +93,20 @@ class Averages(Parameters):
 
 
 @dataclass(frozen=True)
+class Extent:
+    """Numbers of a tube that tell how much there is to do.
+
+    nodes : of the pressure
+    inner_steps : of the grains in a step of the gas
+    average : least width over which the gas averages [m]
+    """
+
+    nodes: int
+    inner_steps: int
+    average: float
+
+
+@dataclass(frozen=True)
 class Slug(Scene[Physics, TubeRecorder]):
     """Grains and gas in a tube, in time.
 
@@ -128,7 +143,7 @@ class Slug(Scene[Physics, TubeRecorder]):
             raise InputError("averages.low", low, f"a place before averages.high = {high:g} m")
         self._check_wall()
         # what does not fit is refused before anything is written
-        self.tube()
+        assert self.extent.nodes > 0
 
     def _check_wall(self) -> None:
         """The triangles of the wall belong to a law of wear, and are not too many."""
@@ -192,6 +207,12 @@ class Slug(Scene[Physics, TubeRecorder]):
             seed=self.numerics.seed,
             comm=comm,
         )
+
+    @cached_property
+    def extent(self) -> Extent:
+        """How large the tube is, which is made for it once."""
+        tube = self.tube()
+        return Extent(tube.gas.tube.size, tube.inner_steps, tube.gas.average.least)
 
     # -- the scene -----------------------------------------------------------------------------
 
@@ -308,7 +329,7 @@ class Slug(Scene[Physics, TubeRecorder]):
         """What the user probably did not mean, one sentence each."""
         said, numerics = [], self.numerics
         width, diameter = numerics.averaging_width, self.model.solids.diameter
-        least = self.tube().gas.average.least / diameter
+        least = self.extent.average / diameter
         if least > COARSE * width:
             said.append(
                 f"the mesh of the gas averages over {least:.2g} grain diameters, more than"
@@ -335,13 +356,13 @@ class Slug(Scene[Physics, TubeRecorder]):
 
     def expected_time(self) -> float:
         """About the CPU time of a run [s]."""
-        tube, steps = self.tube(), self.numerics.end_time / self.numerics.gas_step
-        grains = tube.inner_steps * self.expected_grains
-        return float(steps * (GAS_TIME * tube.gas.tube.size + grains * GRAIN_TIME))
+        extent, steps = self.extent, self.numerics.end_time / self.numerics.gas_step
+        grains = extent.inner_steps * self.expected_grains
+        return float(steps * (GAS_TIME * extent.nodes + grains * GRAIN_TIME))
 
     def describe(self) -> dict[str, Any]:
         """What would be solved, what is left out, and what it would take."""
-        tube, feed, model, grains = self.tube(), self.feed, self.model, self.expected_grains
+        extent, feed, model, grains = self.extent, self.feed, self.model, self.expected_grains
         per_second = feed.solids_mass_flow / model.solids.mean_mass
         return {
             "title": self.title or "untitled",
@@ -357,9 +378,9 @@ class Slug(Scene[Physics, TubeRecorder]):
             "skipped": self.left_out(),
             "inferred": list(self.inferred) or "nothing",
             "warnings": self.warnings() or "none",
-            "meshes": f"{tube.gas.tube.size} nodes of the pressure",
+            "meshes": f"{extent.nodes} nodes of the pressure",
             "steps": (
-                f"{self.numerics.gas_step:g} s for the gas, {tube.inner_steps} times shorter for"
+                f"{self.numerics.gas_step:g} s for the gas, {extent.inner_steps} times shorter for"
                 " the grains"
             ),
             "averages": (

@@ -13,11 +13,13 @@ accelerates both phases: in time, from the inlet to the outlet, and around a ben
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from fem_tfm.models.finite_volume.cells.line import LineMesh
 from fem_tfm.models.finite_volume.cells.mesh import Array
-from fem_tfm.models.finite_volume.state import Phase, State
+from fem_tfm.models.finite_volume.state import State
 from fem_tfm.models.pointwise import tangential
 from fem_tfm.models.two_fluid.split import ACCELERATION, GAS, LIFT, OMITTED, SOLIDS
 
@@ -42,26 +44,32 @@ class DropSplit:
         self._area = cells.total(line.volume) / mesh.length
 
     def parts(
-        self, state: State, phases: list[Phase], density: Array, drop: float
+        self,
+        state: State,
+        wall_friction: Mapping[str, Array],
+        thermal_rise: Array | None,
+        density: Array,
+        drop: float,
     ) -> dict[str, float]:
         """Friction of each phase, lift, acceleration, and what p_s leaves out [Pa] (collective).
 
-        phases : coefficients of the momentum of the last step
+        wall_friction : of each phase in the last step, as in `Phase` [kg/s]
+        thermal_rise : of the solids, as in `Phase` [Pa], None without
         density : of both phases together in the owned cells [kg/m3]
         drop : of the pressure [Pa]
         """
         cells, wall = self.line.cells, self.line.wall
         edge, normal, found = cells.first[wall], self.line.normal[wall], {}
         velocities = {"gas": (GAS, state.u_g), "solids": (SOLIDS, state.u_s)}
-        for phase in phases:
-            name, velocity = velocities[phase.name]
+        for phase, friction in wall_friction.items():
+            name, velocity = velocities[phase]
             along = tangential(velocity[edge], normal)
-            force = phase.wall_friction * np.einsum("ni,ni->n", along, self._along_wall)
+            force = friction * np.einsum("ni,ni->n", along, self._along_wall)
             found[name] = cells.total(force) / self._area
         found = {name: found[name] for name in (GAS, SOLIDS) if name in found}
         found[LIFT] = cells.total(density * self._lifted) / self._area
-        if phases[0].thermal_rise is not None:
-            found[OMITTED] = -self._omitted(phases[0].thermal_rise) / self._area
+        if thermal_rise is not None:
+            found[OMITTED] = -self._omitted(thermal_rise) / self._area
         return found | {ACCELERATION: drop - sum(found.values())}
 
     def _omitted(self, rise: Array) -> float:
