@@ -584,7 +584,7 @@ def report(study: Study, drawn: Mapping[str, tuple[str, bytes]]) -> str:
     head = f"Sensitivity of dp at case {TYPICAL}, {BEST}, feed {MASS}"
     parts += section(head, table(SENSITIVITY_HEAD, rows) if rows else [])
     rows = alternative_rows(study)
-    head = f"Choices that the paper leaves open, one level coarser, {BEST}, feed {MASS}"
+    head = f"Choices that the paper leaves open, {BEST}, feed {MASS}"
     parts += section(head, table(ALTERNATIVE_HEAD, rows) if rows else [])
     parts += section("Cost", items(cost(study)))
     parts += section("Inputs that the source does not print", items(study.case.scene.inferred))
@@ -638,7 +638,7 @@ def run(out: Path, level: int | None = None, changes: Iterable[str] = ()) -> Stu
         say(text)
     # the last part is the longest, and the report is of use before it
     on_root(COMM, lambda: write(study, out))
-    solve_alternatives(study, max(level - 1, 1), tell=say)
+    solve_alternatives(study, level, tell=say)
     on_root(COMM, lambda: write(study, out))
     say(f"report in {out / 'study.html'}")
     return study
