@@ -23,8 +23,9 @@ from fem_tfm.solvers.pseudo_time import History, PseudoTime, PseudoTimeControl
 COARSE_TOLERANCE = 1e-3
 # update of a coarser mesh that only leads the finest one and tells its error
 GUIDE_TOLERANCE = 1e-6
-# shares of the largest number of steps: for one way to start, and for lowering the mesh's terms
-PATIENCE, FOLLOWING = 0.5, 0.3
+# shares of the largest number of steps: for one way to start, for a warm start, which needs a
+# handful of steps or never ends, and for lowering the mesh's terms
+PATIENCE, WARM_PATIENCE, FOLLOWING = 0.5, 0.2, 0.3
 # steps of a careful march end closer to their solution and grow slower
 CAREFUL: dict[str, Any] = {"loose": 0.1, "max_iterations": 15, "growth": 1.5, "saturate": False}
 # a neighbouring problem is approached in up to two to the power of this many parts, each of which
@@ -114,8 +115,8 @@ def solve_level(
     """Steady state of one section from a cold start, or from another mesh's answer.
 
     A warm start takes the largest step at once; where it falls back to steps below the first one
-    of a cold start it has lost its lead, and the section starts cold, at first quickly, then
-    carefully. What still fails is solved with raised terms of the mesh, first
+    of a cold start, or wanders, it has lost its lead, and the section starts cold, at first
+    quickly, then carefully. What still fails is solved with raised terms of the mesh, first
     those that calm it down, which are then lowered as far as the solution follows; the section
     tells how far that was.
 
@@ -124,12 +125,13 @@ def solve_level(
     SolverError
         nothing led to a steady state.
     """
-    control = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
+    ways = []
+    if previous is not None:
+        ways.append(_warm(section, control, previous, observer, scheme))
+    control = _of_one_way(control)
     careful = _march(section, replace(control, **CAREFUL), observer)
-    ways = [*_plain_ways(section, control, previous, observer, scheme), (careful.run, scheme.cold)]
-    if scheme.ease is not None and scheme.calm is not None:
-        starts = scheme.calm, scheme.cold
-        ways += _eased_ways(section, control, observer, scheme.ease, *starts)
+    ways += [(_march(section, control, observer).run, scheme.cold), (careful.run, scheme.cold)]
+    ways += _eased_ways(section, control, observer, scheme)
     return _first_of(ways, section, control, observer)
 
 
@@ -148,15 +150,18 @@ def _first_of(
     return run()
 
 
-def _plain_ways(
+def _of_one_way(control: PseudoTimeControl) -> PseudoTimeControl:
+    """Steps of one of several ways."""
+    return replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
+
+
+def _warm(
     section: Any, control: PseudoTimeControl, previous: Any, observer: Observer, scheme: Scheme
-) -> list[Way]:
-    """A warm start where there is another mesh, and a quick cold one."""
-    ways: list[Way] = [(_march(section, control, observer).run, scheme.cold)]
-    if previous is not None:
-        lead = _march(section, replace(control, smallest=control.first), observer)
-        ways.insert(0, (partial(lead.run, control.largest), partial(_from, previous, scheme)))
-    return ways
+) -> Way:
+    """The way from the answer of another mesh."""
+    few = math.ceil(WARM_PATIENCE * control.max_steps)
+    march = _march(section, replace(control, smallest=control.first, max_steps=few), observer)
+    return partial(march.run, control.largest), partial(_from, previous, scheme)
 
 
 def _from(previous: Any, scheme: Scheme, section: Any) -> None:
@@ -165,14 +170,12 @@ def _from(previous: Any, scheme: Scheme, section: Any) -> None:
 
 
 def _eased_ways(
-    section: Any,
-    control: PseudoTimeControl,
-    observer: Observer,
-    ease: Ease,
-    calm: Start,
-    cold: Start,
+    section: Any, control: PseudoTimeControl, observer: Observer, scheme: Scheme
 ) -> list[Way]:
     """Ways that start with raised terms of the mesh: calm ones, then cold marches."""
+    ease, calm = scheme.ease, scheme.calm
+    if ease is None or calm is None:
+        return []
     steps = math.ceil(FOLLOWING * control.max_steps)
     march, rate = march_of(section, observer), 10**easing.CALMEST
     follower = march(replace(control, max_steps=steps))
@@ -180,7 +183,7 @@ def _eased_ways(
     for strength in (1.0, RAISED[-1]):
         calming = easing.Calming(section, march, control, ease, strength)
         starts.append((calming.run, MeshTerms(strength, rate), calm))
-    starts += [(march(control).run, MeshTerms(strength), cold) for strength in RAISED]
+    starts += [(march(control).run, MeshTerms(strength), scheme.cold) for strength in RAISED]
     return [
         (
             partial(easing.lowered, section, run, follower, ease),
@@ -267,8 +270,8 @@ def refine(
 ) -> None:
     """Solve on one more mesh, from the answer on the finest one, and add it to the solution.
 
-    It starts warm, then cold. Careful steps and raised terms of the mesh are left out: they would
-    take many minutes on a fine mesh, and raised terms move away what is asked of it.
+    It starts warm and then calmly, or cold where the scheme has no calm start. Further ways would
+    take many minutes on a fine mesh.
 
     Raises
     ------
@@ -280,9 +283,11 @@ def refine(
     compiled, cpu = time.perf_counter() - began, time.process_time()
     observer.begin(section, count, count + 1)
     control = scheme.control(section, tolerance, max_steps)
-    control = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
-    ways = _plain_ways(section, control, solution.section, observer, scheme)
-    history = _first_of(ways, section, control, observer)
+    warm = _warm(section, control, solution.section, observer, scheme)
+    control = _of_one_way(control)
+    cold = _march(section, control, observer).run, scheme.cold
+    other = [*_eased_ways(section, control, observer, scheme), cold][0]
+    history = _first_of([warm, other], section, control, observer)
     cpu = time.process_time() - cpu
     solution.levels.append(Level(section, history, float(section.drive.value), compiled, cpu))
 
