@@ -115,24 +115,33 @@ def solve_level(
     """Steady state of one section from a cold start, or from another mesh's answer.
 
     A warm start takes the largest step at once; where it falls back to steps below the first one
-    of a cold start, or wanders, it has lost its lead, and the section starts cold, at first
-    quickly, then carefully. What still fails is solved with raised terms of the mesh, first
-    those that calm it down, which are then lowered as far as the solution follows; the section
-    tells how far that was.
+    of a cold start, or wanders, it has lost its lead, and the section starts cold. Then raised
+    terms of the mesh calm it down and are lowered as far as the solution follows; the section tells
+    how far that was. What still fails starts cold and careful, and then with more of these terms.
 
     Raises
     ------
     SolverError
         nothing led to a steady state.
     """
-    ways = []
-    if previous is not None:
-        ways.append(_warm(section, control, previous, observer, scheme))
-    control = _of_one_way(control)
+    quick, patient = _ways(section, control, previous, observer, scheme)
+    return _first_of([*quick, *patient], section, control, observer)
+
+
+def _ways(
+    section: Any, control: PseudoTimeControl, previous: Any, observer: Observer, scheme: Scheme
+) -> tuple[list[Way], list[Way]]:
+    """Ways to a steady state: quick ones, then patient ones for where these fail."""
+    quick = [_warm(section, control, previous, observer, scheme)] if previous is not None else []
+    control = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
     careful = _march(section, replace(control, **CAREFUL), observer)
-    ways += [(_march(section, control, observer).run, scheme.cold), (careful.run, scheme.cold)]
-    ways += _eased_ways(section, control, observer, scheme)
-    return _first_of(ways, section, control, observer)
+    eased = _eased_ways(section, control, observer, scheme)
+    quick += [(_march(section, control, observer).run, scheme.cold), *eased[:1]]
+    cold = scheme.cold
+    if scheme.ease is not None:
+        # a calm start that failed leaves its terms behind
+        cold = partial(_eased, scheme.ease, MeshTerms(), cold)
+    return quick, [(careful.run, cold), *eased[1:]]
 
 
 def _first_of(
@@ -148,11 +157,6 @@ def _first_of(
     run, begin = ways[-1]
     begin(section)
     return run()
-
-
-def _of_one_way(control: PseudoTimeControl) -> PseudoTimeControl:
-    """Steps of one of several ways."""
-    return replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
 
 
 def _warm(
@@ -270,8 +274,7 @@ def refine(
 ) -> None:
     """Solve on one more mesh, from the answer on the finest one, and add it to the solution.
 
-    It starts warm and then calmly, or cold where the scheme has no calm start. Further ways would
-    take many minutes on a fine mesh.
+    It takes the quick ways alone: the patient ones would take many minutes on a fine mesh.
 
     Raises
     ------
@@ -283,11 +286,8 @@ def refine(
     compiled, cpu = time.perf_counter() - began, time.process_time()
     observer.begin(section, count, count + 1)
     control = scheme.control(section, tolerance, max_steps)
-    warm = _warm(section, control, solution.section, observer, scheme)
-    control = _of_one_way(control)
-    cold = _march(section, control, observer).run, scheme.cold
-    other = [*_eased_ways(section, control, observer, scheme), cold][0]
-    history = _first_of([warm, other], section, control, observer)
+    quick, _ = _ways(section, control, solution.section, observer, scheme)
+    history = _first_of(quick, section, control, observer)
     cpu = time.process_time() - cpu
     solution.levels.append(Level(section, history, float(section.drive.value), compiled, cpu))
 
