@@ -233,6 +233,28 @@ def test_a_mesh_too_coarse_for_its_averages_is_warned_of(
     said = [text for text in case(**changes).scene.advice() if "averages over" in text]
     assert bool(said) == told
     assert not told or "1.3 grain diameters" in said[0]
+    if told:
+        assert "numerics.cells_across = 2 to 4" in said[0]
+
+
+def test_a_long_tube_is_counted_and_not_made() -> None:
+    """The counts are those of the mesh, which 1000 m would take minutes to make."""
+    short, bend = case(), {"geometry.shape": "bend", "geometry.bend_start": 0.03}
+    for scene in (short.scene, case(**bend, **{"geometry.bend_radius": 0.02}).scene):
+        tube = scene.tube()
+        assert (scene.extent.nodes, scene.extent.inner_steps) == (
+            tube.gas.tube.size,
+            tube.inner_steps,
+        )
+    long = short.with_values({"geometry.length": 1000.0, "averages.high": 900.0}).scene
+    assert long.extent.nodes > 9000 * short.scene.extent.nodes
+
+
+def test_refusals_name_what_was_given() -> None:
+    with pytest.raises(InputError, match=r"numerics\.time_step = 1\.0 is refused"):
+        case(**{"numerics.time_step": 1.0})
+    with pytest.raises(InputError, match=r"solids\.diameter = 1e-05 m"):
+        case(**{"solids.diameter": 1e-5})
 
 
 # -- a sweep ---------------------------------------------------------------------------------------
