@@ -187,6 +187,10 @@ class Dense(SectionPhysics):
         """What a user probably did not mean, one sentence each."""
         return advice(self.scene)
 
+    def doubts(self) -> list[str]:
+        """What a user probably did not mean, with the number that gives it away."""
+        return doubts(self.scene)
+
     def given(self) -> str:
         """What is given and what is found, in words."""
         gas = f"gas {self.scene.feed.gas_velocity:g} m/s superficial"

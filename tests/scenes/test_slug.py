@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 import fem_tfm as ft
 from fem_tfm.case import Case
-from fem_tfm.errors import InputError
+from fem_tfm.errors import InputError, SolverError
 from fem_tfm.output.result import unit_of
 from fem_tfm.output.slug import pictures
 from fem_tfm.scenes.slug import told
@@ -84,6 +84,14 @@ def test_a_run_that_was_cut_short_goes_on_to_the_same_bits(
         assert found[name] == whole[name], name
     tables = [(out / "monitor.csv").read_text() for out in (solved[1], tmp_path)]
     assert tables[0] == tables[1]
+
+
+def test_a_run_ends_at_its_time_limit_and_goes_on(tmp_path: Path) -> None:
+    short = {"numerics.end_time": 0.3, "averages.begin": 0.1, "output.pictures": False}
+    with pytest.raises(SolverError, match=r"time_limit = 1e-06 s is over; its last state"):
+        case(**short, **{"numerics.time_limit": 1e-6}).scene.run(tmp_path)
+    rest, whole = case(**short).scene.run(tmp_path, resume=True), case(**short).scene.run()
+    assert rest["pressure_gradient"] == whole["pressure_gradient"]
 
 
 BEND: dict[str, Any] = {

@@ -29,6 +29,7 @@ from fem_tfm.scenes.physics import Physics
 from fem_tfm.scenes.recorder import Setting
 from fem_tfm.scenes.scene import Answer, Scene
 from fem_tfm.scenes.slug.recorder import TubeRecorder
+from fem_tfm.scenes.statement import wall_time_limit
 
 # measured on the demo: CPU time of a grain and step [s], of a gas step and node [s], memory [MB]
 GRAIN_TIME, GAS_TIME, MEMORY = 5e-8, 1.1e-6, 350
@@ -51,6 +52,7 @@ class TubeNumerics(Steps):
 
     end_time: float = parameter(31.0, "s", "end of the run", gt=0, le=1e5)
     seed: int = parameter(0, doc="of the random numbers of the feed", ge=0, le=2**32 - 1)
+    time_limit: float | None = wall_time_limit()
 
 
 @dataclass(frozen=True)
