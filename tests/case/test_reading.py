@@ -455,6 +455,12 @@ def test_what_enters_is_given_or_follows_from_the_feeder(dense: dict[str, Any]) 
     assert alpha * speed == pytest.approx(found.scene.solids_feed[1], rel=1e-12)
     assert speed == pytest.approx(6.09, rel=0.02)
     assert alpha == pytest.approx(0.245, rel=0.05)
+    # the flux of momentum with which the grains come in
+    spent = 0.194 * speed / found.scene.geometry.area
+    assert (
+        f"lacks what speeds them up to that, about {spent:.3g} Pa" in found.scene.physics.entering()
+    )
+    assert "lacks" not in given.scene.physics.entering()
 
 
 @pytest.mark.parametrize(

@@ -213,6 +213,17 @@ def test_a_failed_point_has_its_reason_and_the_others_go_on(
     assert (tmp_path / sweep.PICTURE).stat().st_size > 0
 
 
+def test_a_point_that_is_refused_late_has_its_reason(
+    dense: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refusing(*given: Any) -> Any:
+        raise InputError(SPEED, 6.43, "another one")
+
+    monkeypatch.setattr(Developed, "solve", refusing)
+    found = sweep.run(coarse(dense), {SPEED: [6.43]}, tmp_path)
+    assert found.failed and table(tmp_path)[0]["reason"].startswith(f"{SPEED} = 6.43 is refused")
+
+
 @pytest.mark.slow
 def test_processes_give_the_same_table(dense: dict[str, Any], tmp_path: Path) -> None:
     case = coarse(dense)
