@@ -142,7 +142,7 @@ class Cloud(Parameters):
         "particle-dispersion", "langevin", "scattering by turbulence", "particles.dispersion"
     )
     step: float = parameter(
-        1.0, "-", "largest step of a parcel over the life of an eddy", gt=0, le=2
+        1.0, "-", "largest step of a parcel over the life of an eddy", ge=0.01, le=2
     )
     impact: ImpactLaw = law("impact", "elastic", "impact on a wall", "particles.impact")
     wear: Wear | None = parameter(

@@ -126,7 +126,11 @@ def checked(cls: type[Parameters], field: dataclasses.Field[Any], value: Any) ->
         fitted = _fitted(kind, value)
     except _Misfit as misfit:
         where, found = key + misfit.place, misfit.value
-        raise InputError(where, found, allowed(cls, field), nearest(found, choices(kind))) from None
+        words, near = allowed(cls, field), nearest(found, choices(kind))
+        if near == found:
+            # the name is right and stands alone where a list is asked for
+            words, near = f'{words}; write {where} = ["{found}"]', None
+        raise InputError(where, found, words, near) from None
     if isinstance(fitted, float | int) and not _inside(fitted, field.metadata.get("limits", {})):
         raise InputError(key, value, allowed(cls, field))
     return fitted

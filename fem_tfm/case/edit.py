@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -86,9 +87,16 @@ def parse_value(text: str) -> Any:
 
 
 def read(path: Path) -> dict[str, Any]:
-    """Read a TOML file; a byte-order mark is allowed."""
+    """Read a TOML file; a byte-order mark is allowed.
+
+    Raises InputError for what is no file, cannot be read, or holds no case.
+    """
+    # a pipe would let the reader wait for ever
+    if path.exists() and not path.is_file():
+        kind = "a directory" if path.is_dir() else "a pipe or a device"
+        raise InputError("case file", str(path), f"a regular file, and this is {kind}")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (FileNotFoundError, NotADirectoryError):
         beside = [p.name for p in path.parent.glob("*.toml")]
         allowed = "the name of an existing case file"
@@ -96,8 +104,21 @@ def read(path: Path) -> dict[str, Any]:
     except OSError as error:
         allowed = f"a readable file ({error.strerror})"
         raise InputError("case file", str(path), allowed) from None
+    except UnicodeDecodeError:
+        words = f"text in UTF-8, and this is {_encoding(path)}; save it again as UTF-8"
+        raise InputError("case file", str(path), words) from None
     except ValueError as error:
         raise InputError("case file", str(path), f"valid TOML in UTF-8 ({error})") from None
+    if not values:
+        words = "a case with at least the tables [geometry], [gas] and [operation]; it is empty"
+        raise InputError("case file", str(path), words)
+    return values
+
+
+def _encoding(path: Path) -> str:
+    """What the bytes of a file that is no UTF-8 look like, in words."""
+    begin = path.read_bytes()[:2]
+    return "UTF-16" if begin in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE) else "not (Latin-1?)"
 
 
 def _listed(values: Any, steps: Sequence[str]) -> Sequence[Any] | None:

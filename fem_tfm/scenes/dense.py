@@ -187,6 +187,10 @@ class Dense(SectionPhysics):
         """What a user probably did not mean, one sentence each."""
         return advice(self.scene)
 
+    def doubts(self) -> list[str]:
+        """What a user probably did not mean, with the number that gives it away."""
+        return doubts(self.scene)
+
     def given(self) -> str:
         """What is given and what is found, in words."""
         gas = f"gas {self.scene.feed.gas_velocity:g} m/s superficial"
@@ -344,11 +348,13 @@ def entering(scene: Any) -> str:
     if scene.model.solids is None:
         return gas
     alpha, speed = scene.solids_inlet
-    by = (
-        ""
-        if scene.feed.solids_velocity is not None
-        else " (the feeder's correlation of Ding et al.)"
-    )
+    by = ""
+    if scene.feed.solids_velocity is None:
+        spent = scene.model.solids.density * alpha * speed**2
+        by = (
+            " (the feeder's correlation of Ding et al.; the drop lacks what speeds them up to that,"
+            f" about {spent:.3g} Pa)"
+        )
     return f"{gas}, solids enter with fraction {alpha:.4g} at {speed:.4g} m/s{by}"
 
 

@@ -58,6 +58,10 @@ class SectionScene[P: SectionPhysics, R: Recorder](Scene[P, R]):
         """What the user probably did not mean, one sentence each."""
         return self.physics.advice()
 
+    def doubts(self) -> list[str]:
+        """Those of `advice` that a number gives away, likely causes where there is no answer."""
+        return self.physics.doubts()
+
     def estimates(self, answer: Answer) -> list[str]:
         """What published correlations give for the same line, in words."""
         return estimates(self, answer.quantities) if isinstance(self.model, TwoFluid) else []

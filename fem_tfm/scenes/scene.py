@@ -233,6 +233,10 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
     def advice(self) -> list[str]:
         """What the user probably did not mean, one sentence each."""
 
+    def doubts(self) -> list[str]:
+        """Those of `advice` that a number gives away, likely causes where there is no answer."""
+        return []
+
     def judge(self, answer: Answer) -> list[str]:
         """What an answer must say of itself; raises SolverError where it is none."""
         return judge(self, answer)
@@ -383,7 +387,7 @@ def _drive[R: Recorder](
 ) -> tuple[Result, Answer]:
     """Solve a scene and write its results."""
     try:
-        answer = scene.solve(recorder, previous)
+        answer = _solved(scene, recorder, previous)
         return _finish(scene, answer, recorder), answer
     except SolverError as stop:
         _keep(scene, recorder, "failed", str(stop))
@@ -396,6 +400,16 @@ def _drive[R: Recorder](
         raise
     finally:
         recorder.close()
+
+
+def _solved[R: Recorder](scene: Scene[Any, R], recorder: R, previous: Answer | None) -> Answer:
+    """The answer; where there is none, what made the scene doubtful is told as the likely cause."""
+    try:
+        return scene.solve(recorder, previous)
+    except SolverError as stop:
+        if not (doubts := scene.doubts()):
+            raise
+        raise SolverError(f"{stop}; likely cause: {'; '.join(doubts)}") from stop
 
 
 def _whereabouts(recorder: Recorder) -> str:

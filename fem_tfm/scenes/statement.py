@@ -64,7 +64,8 @@ class Reference(Parameters):
             raise InputError("reference.source", self.source, "a text (where it is published)")
 
 
-def _time_limit() -> Any:
+def wall_time_limit() -> Any:
+    """The field `time_limit` of every kind of numerics."""
     doc = "wall time after which a run ends with its last state kept, default none"
     return parameter(None, "s", doc, gt=0, le=1e9)
 
@@ -76,7 +77,7 @@ class SteadyNumerics(Parameters):
     tolerance: float = parameter(1e-9, "-", "largest update that counts as steady", gt=0, lt=1)
     max_steps: int = parameter(200, doc="largest number of pseudo-time steps", ge=1, le=1000000)
     quadrature_degree: int = parameter(5, doc="degree of the quadrature", ge=1, le=20)
-    time_limit: float | None = _time_limit()
+    time_limit: float | None = wall_time_limit()
     table: ClassVar[str] = "numerics"
 
 
@@ -95,7 +96,7 @@ class MarchNumerics(Parameters):
     error_estimate: bool = parameter(
         True, doc="march a second time with cells and steps twice as large, for the error"
     )
-    time_limit: float | None = _time_limit()
+    time_limit: float | None = wall_time_limit()
     table: ClassVar[str] = "numerics"
 
 
@@ -122,7 +123,7 @@ class TimeNumerics(Parameters):
     smallest_time_step: float = parameter(
         1e-9, "s", "smallest step in time; the run ends below it", gt=0, le=1
     )
-    time_limit: float | None = _time_limit()
+    time_limit: float | None = wall_time_limit()
     table: ClassVar[str] = "numerics"
 
     def __post_init__(self) -> None:

@@ -38,7 +38,7 @@ from fem_tfm.scenes import dense
 from fem_tfm.scenes.developed import describe
 from fem_tfm.scenes.judged.memory import check_memory, section_cells
 from fem_tfm.scenes.judged.places import check_places
-from fem_tfm.scenes.judged.plausible import check_flux, derived
+from fem_tfm.scenes.judged.plausible import check_flux, derived, doubts
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles.line import Along, follow_line
 from fem_tfm.scenes.particles.tracking import following_time
@@ -70,6 +70,8 @@ STEP_TIME, STEP_SCALE_TIME, SECOND_ORDER, START_TIME = 4e-3, 1.5e-3, 2.0, 1.0
 PEAK, MORE_STEPS = 1.2, 1.4
 # cells that a triangle of the section becomes in a layer
 TETRAHEDRA = 3
+# share of the mass flow of the solids by which inlet and outlet of a steady flow may differ
+CHANGING = 0.1
 FILES = (*SECTION_FILES, "probes.csv", "sections.csv", "plane.png")
 UNESTIMATED = "an unsteady flow is solved on one mesh; what another numerics.level changes tells it"
 
@@ -312,6 +314,26 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
     def advice(self) -> list[str]:
         """What the user probably did not mean, one sentence each."""
         return dense.advice(self)
+
+    def judge(self, answer: Answer) -> list[str]:
+        """What an answer must say of itself: whether more solids enter than leave, or fewer."""
+        said, solids, end = super().judge(answer), self.model.solids, self.numerics.end_time
+        if solids is None:
+            return said
+        fed, leaving = self.inflow(end), answer.quantities["solids_mass_flow"]
+        flux = fed.solids_fraction * fed.solids_velocity
+        entering = solids.density * self.geometry.area * flux
+        if abs(leaving - entering) > CHANGING * max(leaving, entering):
+            said.append(
+                f"the flow is not steady at its end: {entering:.3g} kg/s of solids enter and"
+                f" {leaving:.3g} kg/s leave, so drop and hold-up are those of {end:g} s; a longer"
+                " numerics.end_time lets it go on"
+            )
+        return said
+
+    def doubts(self) -> list[str]:
+        """Those of `advice` that a number gives away, likely causes where there is no answer."""
+        return doubts(self)
 
     def numbers(self) -> list[str]:
         """Numbers that follow from the scene, in words."""

@@ -17,6 +17,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -151,15 +152,15 @@ def run(
     Raises
     ------
     InputError
-        jobs above 1 under mpirun, a combination that is no valid case, or a sweep to resume that is
-        one of another case.
+        jobs above 1 under mpirun, a combination that is no valid case or cannot be solved, or a
+        sweep to resume that is one of another case; nothing is written.
     """
     if jobs > 1 and comm.size > 1:
         raise InputError("--jobs", jobs, "1 under mpirun, whose ranks share every point")
     vary = {key: [_plain(value) for value in values] for key, values in vary.items()}
     points = [Point(i, values) for i, values in enumerate(combinations(vary))]
     for point in points:
-        case.with_values(point.values)
+        case.with_values(point.values).scene.examine()
     plan, began = Plan(case, Path(out), keep, comm), time.perf_counter()
     known = comm.bcast(_known(plan, points) if resume else {})
     on_root(comm, lambda: _prepare(plan, known))
@@ -261,7 +262,7 @@ def solve(
         try:
             result, answer = changed.scene.carry_out(plan.setting(point), answer, overwrite=True)
             _take(point, result, answer)
-        except SolverError as error:
+        except (SolverError, InputError) as error:
             point.reason = str(error)
             if answer is not None:
                 answer.close()
@@ -322,6 +323,7 @@ def _started(plan: Plan, part: Sequence[Point], task: Path) -> subprocess.Popen[
         "case": plan.case.dump(),
         "out": str(plan.out),
         "keep": plan.keep,
+        "parent": os.getpid(),
         "points": [[p.number, p.values] for p in part],
     }
     task.write_text(json.dumps(content), encoding="utf-8")
@@ -333,10 +335,18 @@ def _started(plan: Plan, part: Sequence[Point], task: Path) -> subprocess.Popen[
 def _work(task: str) -> None:
     """Solve the points of a task file."""
     content = json.loads(Path(task).read_text(encoding="utf-8"))
+    threading.Thread(target=_end_without, args=(content["parent"],), daemon=True).start()
     case = Case.from_dict(tomllib.loads(content["case"]))
     plan = Plan(case, Path(content["out"]), content["keep"])
     for _ in told(solve(plan, [Point(number, values) for number, values in content["points"]])):
         pass
+
+
+def _end_without(parent: int) -> None:
+    """End this process when its parent is gone, however that ended."""
+    while os.getppid() == parent:
+        time.sleep(LOOK)
+    os._exit(1)
 
 
 # -- output ------------------------------------------------------------------------------------

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import os
 import tomllib
 from dataclasses import FrozenInstanceError
 from pathlib import Path
@@ -415,8 +416,10 @@ def test_missing_file_names_its_neighbour(root: Path) -> None:
     [
         (b"title = 'a'\ntitle = 'b'\n", "line 2"),
         (b"[geometry\n", "line 1"),
-        (b"title = '\xff'\n", "UTF-8"),
-        (b"", "gas is not given"),
+        (b"title = '\xff'\n", r"not \(Latin-1\?\); save it again as UTF-8"),
+        ("title = 'a'".encode("utf-16"), "this is UTF-16; save it again"),
+        (b"", "it is empty"),
+        (b"# words alone\n", "it is empty"),
     ],
 )
 def test_broken_files(tmp_path: Path, content: bytes, part: str) -> None:
@@ -426,9 +429,12 @@ def test_broken_files(tmp_path: Path, content: bytes, part: str) -> None:
         Case.load(path)
 
 
-def test_a_directory_is_no_case(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="readable file"):
-        Case.load(tmp_path)
+def test_only_a_file_is_a_case(tmp_path: Path) -> None:
+    """A pipe that nobody writes to would be waited for."""
+    os.mkfifo(tmp_path / "pipe")
+    for path, kind in ((tmp_path, "a directory"), (tmp_path / "pipe", "a pipe")):
+        with pytest.raises(InputError, match=f"a regular file, and this is {kind}"):
+            Case.load(path)
 
 
 # -- developing flow ---------------------------------------------------------------------------
@@ -449,6 +455,12 @@ def test_what_enters_is_given_or_follows_from_the_feeder(dense: dict[str, Any]) 
     assert alpha * speed == pytest.approx(found.scene.solids_feed[1], rel=1e-12)
     assert speed == pytest.approx(6.09, rel=0.02)
     assert alpha == pytest.approx(0.245, rel=0.05)
+    # the flux of momentum with which the grains come in
+    spent = 0.194 * speed / found.scene.geometry.area
+    assert (
+        f"lacks what speeds them up to that, about {spent:.3g} Pa" in found.scene.physics.entering()
+    )
+    assert "lacks" not in given.scene.physics.entering()
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 import fem_tfm as ft
 from fem_tfm.case import Case
 from fem_tfm.errors import InputError
+from fem_tfm.scenes.particles.tracking import following_time
 
 DUCT = ft.Duct(width=0.2, length=1.0)
 MODEL = ft.ReynoldsStress(ft.Gas(1.2, 1.8e-5), wall_distance=8e-4)
@@ -53,6 +54,18 @@ def test_a_cloud_that_does_not_fit_is_refused(
     with pytest.raises(InputError, match=words) as caught:
         scene(material=ft.Material(**{**given, **material}), **cloud)
     assert caught.value.key.endswith(key)
+
+
+def test_steps_have_a_least_length_and_a_price() -> None:
+    with pytest.raises(InputError, match=r"particles\.step = 1e-06 is refused: .* at least 0\.01"):
+        ft.Cloud(materials=(ash(),), step=1e-6)
+    whole, half = (following_time(scene(step=step)) for step in (1.0, 0.5))
+    assert half == pytest.approx(2 * whole)
+
+
+def test_a_name_where_a_list_belongs_is_told_so() -> None:
+    with pytest.raises(InputError, match=r'write particles\.forces = \["gravity"\]$'):
+        ft.Cloud(materials=(ash(),), forces="gravity")  # type: ignore[arg-type]
 
 
 def test_a_march_couples_both_ways() -> None:

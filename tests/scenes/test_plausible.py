@@ -198,6 +198,24 @@ def test_an_algebraic_theta_is_told_to_have_no_heat_of_the_wall(wall: str, heats
 # -- time ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("solution", ["developed", "developing", "unsteady"])
+def test_a_doubt_is_the_likely_cause_where_there_is_no_answer(
+    solution: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    more = {"numerics.end_time": 1.0} if solution == "unsteady" else {}
+    feed = {"operation.solids_fraction": 0.01, "operation.solids_velocity": 0.1}
+    case = riser(**{"solution": solution, **more, **feed})
+
+    def failing(*given: Any) -> Any:
+        raise SolverError("no convergence")
+
+    monkeypatch.setattr(type(case.scene), "solve", failing)
+    with pytest.raises(SolverError, match=r"^no convergence$"):
+        case.scene.run()
+    with pytest.raises(SolverError, match=r"likely cause: terminal .* than a grain falls"):
+        case.with_values({"operation.gas_superficial_velocity": 0.5}).scene.run()
+
+
 @pytest.mark.parametrize(
     "solution", ["developed", pytest.param("developing", marks=pytest.mark.slow), "unsteady"]
 )

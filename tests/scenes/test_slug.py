@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 import fem_tfm as ft
 from fem_tfm.case import Case
-from fem_tfm.errors import InputError
+from fem_tfm.errors import InputError, SolverError
 from fem_tfm.output.result import unit_of
 from fem_tfm.output.slug import pictures
 from fem_tfm.scenes.slug import told
@@ -84,6 +84,14 @@ def test_a_run_that_was_cut_short_goes_on_to_the_same_bits(
         assert found[name] == whole[name], name
     tables = [(out / "monitor.csv").read_text() for out in (solved[1], tmp_path)]
     assert tables[0] == tables[1]
+
+
+def test_a_run_ends_at_its_time_limit_and_goes_on(tmp_path: Path) -> None:
+    short = {"numerics.end_time": 0.3, "averages.begin": 0.1, "output.pictures": False}
+    with pytest.raises(SolverError, match=r"time_limit = 1e-06 s is over; its last state"):
+        case(**short, **{"numerics.time_limit": 1e-6}).scene.run(tmp_path)
+    rest, whole = case(**short).scene.run(tmp_path, resume=True), case(**short).scene.run()
+    assert rest["pressure_gradient"] == whole["pressure_gradient"]
 
 
 BEND: dict[str, Any] = {
@@ -233,6 +241,28 @@ def test_a_mesh_too_coarse_for_its_averages_is_warned_of(
     said = [text for text in case(**changes).scene.advice() if "averages over" in text]
     assert bool(said) == told
     assert not told or "1.3 grain diameters" in said[0]
+    if told:
+        assert "numerics.cells_across = 2 to 4" in said[0]
+
+
+def test_a_long_tube_is_counted_and_not_made() -> None:
+    """The counts are those of the mesh, which 1000 m would take minutes to make."""
+    short, bend = case(), {"geometry.shape": "bend", "geometry.bend_start": 0.03}
+    for scene in (short.scene, case(**bend, **{"geometry.bend_radius": 0.02}).scene):
+        tube = scene.tube()
+        assert (scene.extent.nodes, scene.extent.inner_steps) == (
+            tube.gas.tube.size,
+            tube.inner_steps,
+        )
+    long = short.with_values({"geometry.length": 1000.0, "averages.high": 900.0}).scene
+    assert long.extent.nodes > 9000 * short.scene.extent.nodes
+
+
+def test_refusals_name_what_was_given() -> None:
+    with pytest.raises(InputError, match=r"numerics\.time_step = 1\.0 is refused"):
+        case(**{"numerics.time_step": 1.0})
+    with pytest.raises(InputError, match=r"solids\.diameter = 1e-05 m"):
+        case(**{"solids.diameter": 1e-5})
 
 
 # -- a sweep ---------------------------------------------------------------------------------------

@@ -20,6 +20,7 @@ from fem_tfm.models.finite_volume import UnsteadyFlow
 from fem_tfm.output import checkpoint
 from fem_tfm.output.result import Result
 from fem_tfm.scenes import unsteady
+from fem_tfm.scenes.scene import Answer
 from fem_tfm.scenes.unsteady import Stepped, is_due
 
 BASE = {
@@ -144,6 +145,7 @@ def test_a_run_leaves_its_time_series(dense: dict[str, Any], tmp_path: Path) -> 
     assert (result.status, result.solution) == ("finished", "unsteady")
     assert max(result.balances.values()) < 1e-12
     assert result["pressure_drop"] > 0
+    assert any("not steady at its end" in text for text in result.warnings)
     out = tmp_path / "run"
     if MPI.COMM_WORLD.rank > 0:
         return
@@ -314,6 +316,15 @@ def test_a_step_that_never_succeeds_ends_the_run(
     assert 1.5e-3 < checkpoint.numbers(tmp_path)["time"] < 2e-3
     log = (tmp_path / "run.log").read_text(encoding="utf-8")
     assert log.count("taken back: the solids fraction leaves its bounds") > 5
+
+
+@pytest.mark.parametrize(("share", "told"), [(1.0, False), (0.95, False), (0.5, True)])
+def test_solids_that_stay_inside_are_told(dense: dict[str, Any], share: float, told: bool) -> None:
+    scene = case_of(dense).scene
+    entering = scene.model.solids.density * scene.geometry.area * 0.245 * 6.09
+    found = {"solids_mass_flow": share * entering, "pressure_drop": 1.0}
+    said = scene.judge(Answer("finished", found, {}, "pressure_drop"))
+    assert any("not steady at its end" in text for text in said) == told
 
 
 def test_gas_alone_is_driven_too(dense: dict[str, Any]) -> None:

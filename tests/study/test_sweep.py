@@ -6,6 +6,9 @@ from __future__ import annotations
 import csv
 import itertools
 import json
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -210,6 +213,17 @@ def test_a_failed_point_has_its_reason_and_the_others_go_on(
     assert (tmp_path / sweep.PICTURE).stat().st_size > 0
 
 
+def test_a_point_that_is_refused_late_has_its_reason(
+    dense: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refusing(*given: Any) -> Any:
+        raise InputError(SPEED, 6.43, "another one")
+
+    monkeypatch.setattr(Developed, "solve", refusing)
+    found = sweep.run(coarse(dense), {SPEED: [6.43]}, tmp_path)
+    assert found.failed and table(tmp_path)[0]["reason"].startswith(f"{SPEED} = 6.43 is refused")
+
+
 @pytest.mark.slow
 def test_processes_give_the_same_table(dense: dict[str, Any], tmp_path: Path) -> None:
     case = coarse(dense)
@@ -313,3 +327,32 @@ def test_a_bad_combination_is_refused_before_anything_is_written(
     with pytest.raises(InputError, match="diameter"):
         sweep.run(Case.from_dict(dense), {"solids.diameter": [1e-4, -1.0]}, tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_point_that_cannot_be_solved_is_refused_before_the_first_solve(
+    dense: dict[str, Any], tmp_path: Path, jobs: int
+) -> None:
+    case = coarse(dense).with_values({"operation.solids_mass_flow": 0.1})
+    vary = {"operation.solids_mass_flow": [0.1, 5000.0]}
+    with pytest.raises(InputError, match=r"solids_mass_flow = 5000"):
+        sweep.run(case, vary, tmp_path / "none", jobs)
+    assert not (tmp_path / "none").exists()
+
+
+def test_a_worker_ends_with_its_parent(tmp_path: Path) -> None:
+    """The parent is killed, and what watches for it ends the worker; no signal reaches that."""
+    worker = "import os,sys,time,threading;from fem_tfm.study import sweep;sweep.LOOK=0.05;"
+    worker += "threading.Thread(target=sweep._end_without,args=(int(sys.argv[1]),)).start();"
+    worker += "print(os.getpid(),flush=True);time.sleep(60)"
+    parent = "import os,subprocess,sys;"
+    parent += "subprocess.Popen([sys.executable,'-c',sys.argv[1],str(os.getpid())]).wait()"
+    command = [sys.executable, "-c", parent, worker]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
+        assert running.stdout is not None
+        assert running.stdout.readline().strip().isdigit()
+        running.kill()
+        # the pipe closes when the last that holds it has ended
+        begun = time.monotonic()
+        assert running.stdout.read() == ""
+    assert time.monotonic() - begun < 20

@@ -36,6 +36,8 @@ from fem_tfm.parameters import Parameters, parameter
 PATIENCE = 0.5
 # a law of drag depends on the Reynolds number alone if its factor does to this share
 ALONE = 1e-6
+# largest number of steps that the kernel counts
+COUNTED = 2_000_000_000
 DISPERSION = {"none": 0, "langevin": 1, "eddies": 2}
 IMPACT = {"elastic": 0, "restitution": 1, "stick": 2}
 
@@ -56,7 +58,7 @@ class Steps(Parameters):
     )
     smallest: float = parameter(1e-7, "s", "smallest step", gt=0, le=1)
     max_steps: int = parameter(
-        1_000_000, "-", "steps after which a parcel is stuck", ge=1, le=2_000_000_000
+        1_000_000, "-", "steps after which a parcel is stuck", ge=1, le=COUNTED
     )
     table: ClassVar[str] = "particles.steps"
 

@@ -40,15 +40,13 @@ class Averaging:
     """Diffusion along the tube times diffusion over its section, both exact in time.
 
     width : w, standard deviation of the average in each direction [m]
-    least : standard deviation that the mesh alone has over the section [m]
     """
 
     def __init__(self, tube: TubeMesh, width: float) -> None:
         self.shape = (len(tube.planes), tube.per_plane)
         self.width = width
         along = tube.length / (len(tube.planes) - 1)
-        area = tube.volumes.sum() / tube.length
-        self.least = float(np.sqrt(area / len(tube.cells) / 3))
+        area = tube.area
         self._across, mass = _section(tube, _time(width, area / len(tube.cells)))
         # of the nodes in the straight line that a bend stands for
         heights = np.full(len(tube.planes), along)

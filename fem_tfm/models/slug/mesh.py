@@ -32,6 +32,11 @@ LEAST_VOLUME, LEAST_WIDTH = 0.3, 0.5
 ROUNDING = 9
 
 
+def layers_along(section: Section, length: float, across: int) -> int:
+    """Layers half as long as the section is wide, or of cells at most twice as long as wide."""
+    return max(round(length / (2 * min(section.size) / max(across, 4))), 1)
+
+
 def tube_mesh(
     section: Section,
     length: float,
@@ -42,8 +47,7 @@ def tube_mesh(
     """Straight-edged hexahedra with the area of the section.
 
     across : cells across the section, an even number, or 1 in a round section
-    layers : along the tube, default half as long as the section is wide, or cells at most twice as
-        long as wide
+    layers : along the tube, default `layers_along`
     arc : in the axis, None for a straight tube
 
     Raises InputError for another number of cells across.
@@ -58,7 +62,7 @@ def tube_mesh(
         section,
         resolution,
         length,
-        layers or max(round(length / (2 * min(section.size) / max(across, 4))), 1),
+        layers or layers_along(section, length, across),
         MPI.COMM_SELF,
         arc=arc,
         order=1,
@@ -164,6 +168,11 @@ class TubeMesh:
         """Of the tube [m]."""
         return float(self.planes[-1] - self.planes[0])
 
+    @property
+    def area(self) -> float:
+        """Mean of the sections [m2]."""
+        return float(self.volumes.sum()) / self.length
+
     def function(self, values: Array) -> fem.Function:
         """Function of DOLFINx with nodal values."""
         found = fem.Function(self.space)
@@ -173,10 +182,6 @@ class TubeMesh:
     def nodal(self, dofs: Array) -> Array:
         """Nodal values of an array of DOLFINx."""
         return dofs[self.order]
-
-    def least(self, diameter: float) -> float:
-        """Volume of the least node over that of a grain of a diameter [m]."""
-        return float(self.volumes.min() / (np.pi / 6 * diameter**3))
 
     # -- points of the quadrature ------------------------------------------------------------------
 

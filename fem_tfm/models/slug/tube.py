@@ -18,7 +18,7 @@ from fem_tfm.geometry.shapes import Bend, Shape
 from fem_tfm.models.slug.feed import Feed, Feeder, filled
 from fem_tfm.models.slug.gas import TubeGas
 from fem_tfm.models.slug.grains import STEPS_PER_CONTACT, Grain, Grains, Walls
-from fem_tfm.models.slug.mesh import LEAST_VOLUME, LEAST_WIDTH, TubeMesh, tube_mesh
+from fem_tfm.models.slug.mesh import LEAST_VOLUME, LEAST_WIDTH, TubeMesh, layers_along, tube_mesh
 from fem_tfm.models.slug.pressure import GasPressure
 from fem_tfm.models.slug.ranks import SharedGrains
 from fem_tfm.parameters import Parameters, parameter
@@ -116,18 +116,8 @@ class SlugTube:
         self.shape, self.conveying = shape, conveying
         self.steps = steps or Steps()
         self.section: Section = shape.section("none")
+        feed = checked_feed(shape, grain, conveying, self.steps)
         walls = Walls(self.section, low=0.0, arc=shape.arc)
-        walls.check(grain.largest_diameter)
-        if isinstance(shape, Bend):
-            _check_bend(shape, grain.largest_diameter)
-        fastest = _fastest_feed(conveying, self.steps, grain)
-        feed = Feed(
-            self.section,
-            grain,
-            conveying.solids_mass_flow,
-            conveying.solids_velocity,
-            fastest,
-        )
         self.feeder = Feeder(feed, seed)
         self.inner_steps = self.steps.grain_steps(grain)
         given: dict[str, Any] = {
@@ -143,7 +133,8 @@ class SlugTube:
             )
         else:
             self.grains = Grains(*moved, gravity, **given)
-        mesh = _gas_mesh(shape, self.steps, grain.diameter)
+        across, along = self.steps.cells_across, self.steps.cells_along
+        mesh = TubeMesh(tube_mesh(self.section, shape.length, across, along, shape.arc))
         width = self.steps.averaging_width * grain.diameter
         self.gas = GasPressure(mesh, gas, grain.diameter, width)
         self.number, self.out, self.start = 0, 0, 0
@@ -260,33 +251,91 @@ def _check_bend(bend: Bend, diameter: float) -> None:
         raise InputError("geometry.bend_radius", bend.axis_radius, words)
 
 
-def _gas_mesh(shape: Shape, steps: Steps, diameter: float) -> TubeMesh:
-    """The mesh of the pressure; raises InputError for cells hardly larger than a grain."""
+def checked_feed(shape: Shape, grain: Grain, conveying: Conveying, steps: Steps) -> Feed:
+    """The feed of a tube, without the tube.
 
-    def made(across: int, along: int | None) -> TubeMesh:
-        section = shape.section("none")
-        return TubeMesh(tube_mesh(section, shape.length, across, along, shape.arc))
+    Raises InputError where `SlugTube` does.
+    """
+    section = shape.section("none")
+    Walls(section, low=0.0, arc=shape.arc).check(grain.largest_diameter)
+    if isinstance(shape, Bend):
+        _check_bend(shape, grain.largest_diameter)
+    fastest = _fastest_feed(conveying, steps, grain)
+    flow, speed = conveying.solids_mass_flow, conveying.solids_velocity
+    feed = Feed(section, grain, flow, speed, fastest)
+    _check_step(steps, grain)
+    _check_nodes(shape, steps, grain.diameter)
+    return feed
 
-    mesh = made(steps.cells_across, steps.cells_along)
-    if steps.averaging_width >= LEAST_WIDTH or mesh.least(diameter) >= LEAST_VOLUME:
-        return mesh
+
+def _check_step(steps: Steps, grain: Grain) -> None:
+    """Refuse a step of the grains that cannot follow a contact, as it is given."""
+    try:
+        grain.check_step(steps.gas_step / steps.grain_steps(grain))
+    except InputError as error:
+        raise InputError(error.key, steps.time_step or error.value, error.allowed) from None
+
+
+@dataclass(frozen=True)
+class Count:
+    """Numbers of the pressure's mesh, told by one of its layers.
+
+    layers : along the tube
+    nodes : of the pressure
+    average : standard deviation that the mesh alone has over the section [m]
+    least : volume of the least node [m3]
+    """
+
+    layers: int
+    nodes: int
+    average: float
+    least: float
+
+
+def counted(shape: Shape, across: int, along: int | None) -> Count:
+    """Count the mesh of a tube without making it.
+
+    Nodes at the ends have half a layer; those at the inner wall of a bend have 1 - r/R of one.
+    Raises InputError for a number of cells across that the section cannot have.
+    """
+    section = shape.section("none")
+    layers = along or layers_along(section, shape.length, across)
+    one = TubeMesh(tube_mesh(section, shape.length / layers, across, 1))
+    average = math.sqrt(one.area / len(one.cells) / 3)
+    least = float(one.volumes.min())
+    if shape.arc is not None:
+        least *= min(1.0, 2 * (1 - max(section.size) / (2 * shape.arc.radius)))
+    return Count(layers, one.per_plane * (layers + 1), average, least)
+
+
+def _check_nodes(shape: Shape, steps: Steps, diameter: float) -> None:
+    """Raise InputError for cells of the pressure hardly larger than a grain."""
+    if steps.averaging_width >= LEAST_WIDTH:
+        return
+    grain = LEAST_VOLUME * math.pi / 6 * diameter**3
+
+    def least(across: int) -> float:
+        return counted(shape, across, steps.cells_along).least
+
+    if least(steps.cells_across) >= grain:
+        return
     reason = (
         f"or numerics.averaging_width from {LEAST_WIDTH}, for a node of the gas's mesh would have"
         f" less than the volume of {LEAST_VOLUME} grains"
     )
     for across in range(steps.cells_across - 2, 1, -2):
-        if made(across, steps.cells_along).least(diameter) >= LEAST_VOLUME:
+        if least(across) >= grain:
             raise InputError("numerics.cells_across", steps.cells_across, f"{across}, {reason}")
     # volumes of nodes are as cells are long
-    beside = ""
-    if steps.cells_across > 2:
-        mesh, beside = made(2, steps.cells_along), " with numerics.cells_across = 2"
-    layers = mesh.cells.shape[1]
-    most = int(layers * mesh.least(diameter) / LEAST_VOLUME)
+    across, beside = steps.cells_across, ""
+    if across > 2:
+        across, beside = 2, " with numerics.cells_across = 2"
+    count = counted(shape, across, steps.cells_along)
+    most = int(count.layers * count.least / grain)
     if most < 1:
         words = f"smaller grains or a wider tube, {reason}"
         raise InputError("solids.diameter", diameter, words)
-    raise InputError("numerics.cells_along", layers, f"at most {most}{beside}, {reason}")
+    raise InputError("numerics.cells_along", count.layers, f"at most {most}{beside}, {reason}")
 
 
 def _fastest_feed(conveying: Conveying, steps: Steps, grain: Grain) -> float:
@@ -294,8 +343,9 @@ def _fastest_feed(conveying: Conveying, steps: Steps, grain: Grain) -> float:
     speed, most = conveying.solids_velocity, grain.largest_diameter / steps.gas_step
     if speed > most:
         words = (
-            f"at most {most:.3g} m/s, a grain's diameter in a step of the gas"
-            f" (numerics.gas_step = {steps.gas_step:g} s), or layers would appear inside each other"
+            f"at most {most:.3g} m/s, a grain's diameter (solids.diameter ="
+            f" {grain.diameter:g} m) in a step of the gas (numerics.gas_step ="
+            f" {steps.gas_step:g} s), or layers would appear inside each other"
         )
         raise InputError("operation.solids_velocity", speed, words)
     return most

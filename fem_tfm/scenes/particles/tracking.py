@@ -18,7 +18,7 @@ from fem_tfm.models.particles.encounters import Encounters
 from fem_tfm.models.particles.field import TIME
 from fem_tfm.models.particles.grid import Grid
 from fem_tfm.models.particles.sinks import Sinks
-from fem_tfm.models.particles.tracker import Forces, Impacts, Steps, Tracker
+from fem_tfm.models.particles.tracker import COUNTED, Forces, Impacts, Steps, Tracker
 from fem_tfm.models.reynolds_stress.exchange import Exchange
 from fem_tfm.models.reynolds_stress.heat import GasHeat
 from fem_tfm.output.particles.lattice import Lattice
@@ -30,8 +30,8 @@ type Floats = NDArray[np.float64]
 ADDED_MASS = 0.5
 # steps after which a parcel counts as stuck; ash takes 7 on every diameter of the published duct
 MOST_STEPS, STEPS_A_DIAMETER = 2000, 200
-# measured on the published duct and the dilute pipe: CPU time of a parcel over a diameter [s], and
-# how often a slab is crossed where the gas feels them or they collide
+# measured on the published duct and the dilute pipe: CPU time of a parcel over a diameter with
+# particles.step = 1 [s], and how often a slab is crossed where the gas feels them or they collide
 PARCEL_TIME, CROSSINGS = 4e-6, 2.5
 # a stretch is followed again until its collisions change by less, but no more often
 COLLISION_CHANGE, MOST_PASSES = 0.01, 5
@@ -46,7 +46,8 @@ def following_time(scene: Any) -> float:
     count = cloud.parcels * places * len(cloud.materials)
     diameters = scene.geometry.length / scene.geometry.hydraulic_diameter
     again = cloud.coupling != "one-way" or cloud.collisions is not None
-    return float(PARCEL_TIME * count * diameters * (CROSSINGS if again else 1.0))
+    steps = diameters / min(cloud.step, 1.0)
+    return float(PARCEL_TIME * count * steps * (CROSSINGS if again else 1.0))
 
 
 def forces_of(scene: Any) -> Forces:
@@ -167,7 +168,7 @@ class Tracking:
         """Steps after which a parcel is stuck."""
         diameters = scene.geometry.length / scene.geometry.hydraulic_diameter
         steps = MOST_STEPS + STEPS_A_DIAMETER * diameters
-        return round(float(steps) / min(float(scene.particles.step), 1.0))
+        return min(round(float(steps) / min(float(scene.particles.step), 1.0)), COUNTED)
 
     def to(
         self,

@@ -104,7 +104,10 @@ class TubeRecorder(Recorder):
         return bool(self.tube.number >= self._last)
 
     def step(self) -> None:
-        """What is due after a step of the gas: a sample, a row, a snapshot, a checkpoint."""
+        """What is due after a step of the gas: a sample, a row, a snapshot, a checkpoint.
+
+        Raises TimeIsUp where the run has used its time.
+        """
         tube = self.tube
         if tube.number % self._sample == 0:
             self._sampler(tube)
@@ -120,6 +123,8 @@ class TubeRecorder(Recorder):
         if tube.number % self._output == 0 or self.done:
             self._keep()
             self.log(f"step {tube.number}: {self._warning(self._row())}")
+        if not self.done:
+            self.check_time()
 
     def _frame(self) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
         """Grains as the film shows them: from the side, a bend to the side from above."""

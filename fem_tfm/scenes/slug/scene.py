@@ -20,7 +20,7 @@ from fem_tfm.geometry.surface import WallSurface
 from fem_tfm.models.slug.model import DiscreteElements
 from fem_tfm.models.slug.told.slices import Samples
 from fem_tfm.models.slug.told.slugs import POROSITY, SHORTEST, Estimate, bulk, statistics
-from fem_tfm.models.slug.tube import Conveying, SlugTube, Steps
+from fem_tfm.models.slug.tube import Conveying, Count, SlugTube, Steps, checked_feed, counted
 from fem_tfm.output.result import unit_of
 from fem_tfm.output.slug.files import FILES
 from fem_tfm.parameters import Parameters, parameter
@@ -29,14 +29,15 @@ from fem_tfm.scenes.physics import Physics
 from fem_tfm.scenes.recorder import Setting
 from fem_tfm.scenes.scene import Answer, Scene
 from fem_tfm.scenes.slug.recorder import TubeRecorder
+from fem_tfm.scenes.statement import wall_time_limit
 
 # measured on the demo: CPU time of a grain and step [s], of a gas step and node [s], memory [MB]
 GRAIN_TIME, GAS_TIME, MEMORY = 5e-8, 1.1e-6, 350
 # share of the tube that is told of without other wishes
 STRETCH = (0.38, 0.86)
 OUTPUTS = 20
-# how much wider a mesh may average than is asked for
-COARSE = 1.25
+# how much wider a mesh may average than is asked for, and the most cells across that are proposed
+COARSE, FINEST = 1.25, 20
 # share of the samples with a filled tube that is told
 FULL = 0.1
 # most triangles of a wall
@@ -51,6 +52,7 @@ class TubeNumerics(Steps):
 
     end_time: float = parameter(31.0, "s", "end of the run", gt=0, le=1e5)
     seed: int = parameter(0, doc="of the random numbers of the feed", ge=0, le=2**32 - 1)
+    time_limit: float | None = wall_time_limit()
 
 
 @dataclass(frozen=True)
@@ -143,7 +145,8 @@ class Slug(Scene[Physics, TubeRecorder]):
             raise InputError("averages.low", low, f"a place before averages.high = {high:g} m")
         self._check_wall()
         # what does not fit is refused before anything is written
-        assert self.extent.nodes > 0
+        checked_feed(self.geometry, self.model.solids, self.feed, self.numerics)
+        self.count(self.numerics.cells_across)
 
     def _check_wall(self) -> None:
         """The triangles of the wall belong to a law of wear, and are not too many."""
@@ -208,11 +211,16 @@ class Slug(Scene[Physics, TubeRecorder]):
             comm=comm,
         )
 
+    def count(self, across: int) -> Count:
+        """The mesh of the pressure with a number of cells across, counted without making it."""
+        return counted(self.geometry, across, self.numerics.cells_along)
+
     @cached_property
     def extent(self) -> Extent:
-        """How large the tube is, which is made for it once."""
-        tube = self.tube()
-        return Extent(tube.gas.tube.size, tube.inner_steps, tube.gas.average.least)
+        """How large the tube is, without making it."""
+        found = self.count(self.numerics.cells_across)
+        steps = self.numerics.grain_steps(self.model.solids)
+        return Extent(found.nodes, steps, found.average)
 
     # -- the scene -----------------------------------------------------------------------------
 
@@ -333,8 +341,8 @@ class Slug(Scene[Physics, TubeRecorder]):
         if least > COARSE * width:
             said.append(
                 f"the mesh of the gas averages over {least:.2g} grain diameters, more than"
-                f" numerics.averaging_width = {width:g}; raise numerics.cells_across ="
-                f" {numerics.cells_across}, or the gas finds no way over the bed"
+                f" numerics.averaging_width = {width:g}; {self._finer(COARSE * width * diameter)},"
+                " or the gas finds no way over the bed"
             )
         if numerics.gas_step > 1e-3:
             said.append(
@@ -347,6 +355,14 @@ class Slug(Scene[Physics, TubeRecorder]):
                 " come from blocks of 2 s"
             )
         return said
+
+    def _finer(self, average: float) -> str:
+        """Words that tell the cells across which average over a width [m]."""
+        across = self.numerics.cells_across
+        for finer in range(across + across % 2, FINEST + 1, 2):
+            if self.count(finer).average <= average:
+                return f"raise numerics.cells_across = {across} to {finer}"
+        return f"raise numerics.averaging_width, for {FINEST} cells across are too few"
 
     @property
     def expected_grains(self) -> float:
