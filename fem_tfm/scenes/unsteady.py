@@ -36,6 +36,7 @@ from fem_tfm.output.result import Result
 from fem_tfm.parameters import parameter
 from fem_tfm.scenes import dense
 from fem_tfm.scenes.developed import describe
+from fem_tfm.scenes.judged.gas import Derived
 from fem_tfm.scenes.judged.memory import check_memory, section_cells
 from fem_tfm.scenes.judged.places import check_places
 from fem_tfm.scenes.judged.plausible import check_flux, derived
@@ -313,9 +314,9 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
         """What the user probably did not mean, one sentence each."""
         return dense.advice(self)
 
-    def numbers(self) -> list[str]:
-        """Numbers that follow from the scene, in words."""
-        return [*map(str, derived(self))]
+    def derived(self) -> list[Derived]:
+        """Numbers of gas and solids, and what they give away."""
+        return derived(self)
 
     def examine(self) -> None:
         """Refuse what cannot be solved, without solving it; raises InputError."""
