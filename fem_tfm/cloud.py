@@ -44,8 +44,8 @@ class Material(Parameters):
     """
 
     name: str = parameter(MISSING, doc="name of the material")
-    density: float = parameter(MISSING, "kg/m3", "density of a particle", gt=0, le=25000)
-    diameter: float = parameter(MISSING, "m", "diameter of a particle", gt=0, le=0.1)
+    density: float = parameter(MISSING, "kg/m3", "density of a particle", ge=1e-3, le=25000)
+    diameter: float = parameter(MISSING, "m", "diameter of a particle", ge=1e-9, le=0.1)
     mass_flow: float | None = parameter(
         None, "kg/s", "mass flow, default the sum over the points", gt=0, le=1e6
     )

@@ -84,6 +84,10 @@ def cunningham(gas: Gas, diameter: float) -> float:
     return 1 + knudsen * (1.257 + 0.4 * math.exp(-1.1 / knudsen))
 
 
+# Reynolds number below which Stokes's drag is that of any law
+CREEPING = 1e-12
+
+
 def terminal_velocity(gas: Gas, solids: Solids, gravity: float) -> float:
     """Velocity at which one grain falls through the gas [m/s].
 
@@ -97,7 +101,14 @@ def terminal_velocity(gas: Gas, solids: Solids, gravity: float) -> float:
         drag = 24 / reynolds * (1 + 0.15 * reynolds**0.687) if reynolds < 1000 else 0.44
         return drag * speed**2 - weight
 
-    return brentq(surplus, 1e-12, 1e5) if weight > 0 else 0.0
+    if not weight > 0:
+        return 0.0
+    # Stokes's drag is the least, and at most 19 times as much below Re 1000
+    most = weight * gas.density * d / (24 * gas.viscosity)
+    if gas.density * most * d / gas.viscosity < CREEPING:
+        return most
+    least = min(most / 20, 0.9 * math.sqrt(weight / 0.44))
+    return brentq(surplus, least, 1.1 * most, xtol=1e-9 * least)
 
 
 def rizk_velocity(
@@ -112,10 +123,13 @@ def rizk_velocity(
 
     Made for grains of 0.1 to 2 mm. Source: Rizk (1973), dissertation, University of Karlsruhe.
     """
+    if not mass_flow * gravity > 0:
+        return 0.0
     delta, chi = 1440 * solids.diameter + 1.96, 1100 * solids.diameter + 2.5
-    area = math.pi / 4 * diameter**2
-    wanted = mass_flow / (gas.density * area) * 10**delta * (gravity * diameter) ** (chi / 2)
-    return float(wanted ** (1 / (chi + 1)))
+    flux = mass_flow / (gas.density * math.pi / 4 * diameter**2)
+    # a power of large grains is beyond the range of numbers, its logarithm is not
+    wanted = math.log10(flux) + delta + chi / 2 * math.log10(gravity * diameter)
+    return float(10 ** (wanted / (chi + 1)))
 
 
 def konno_saito(flux: float, diameter: float, gravity: float) -> float:

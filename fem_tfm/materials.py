@@ -79,19 +79,19 @@ class Gas(Parameters):
     ideal, and a density that is not p/(R T) of one that is.
     """
 
-    density: float = parameter(MISSING, "kg/m3", "density", gt=0, le=2000)
+    density: float = parameter(MISSING, "kg/m3", "density", ge=1e-9, le=2000)
     viscosity: float = parameter(
-        MISSING, "Pa s", "dynamic viscosity, default that of the species", gt=0, le=1
+        MISSING, "Pa s", "dynamic viscosity, default that of the species", ge=1e-12, le=1
     )
     pressure: float | None = parameter(
-        None, "Pa", "absolute pressure of an ideal gas", gt=0, le=1e9
+        None, "Pa", "absolute pressure of an ideal gas", ge=0.01, le=1e9
     )
-    temperature: float = parameter(293.0, "K", "temperature", gt=0, le=5000)
+    temperature: float = parameter(293.0, "K", "temperature", ge=1, le=5000)
     compressible: bool = parameter(
         False, doc="density of an ideal gas that follows the pressure of an unsteady flow"
     )
     name: str | None = parameter(None, doc="an ideal gas by its name", key="gas.species")
-    gas_constant: float | None = parameter(None, "J/kg/K", "an ideal gas by R", gt=0, le=5000)
+    gas_constant: float | None = parameter(None, "J/kg/K", "an ideal gas by R", ge=10, le=5000)
     table: ClassVar[str] = "gas"
 
     def __post_init__(self) -> None:
@@ -221,8 +221,8 @@ class Solids(Parameters):
     Raises InputError for a number out of range, or a friction limit not below the packing limit.
     """
 
-    density: float = parameter(MISSING, "kg/m3", "density of the particle", gt=0, le=25000)
-    diameter: float = parameter(MISSING, "m", "diameter of the particle", gt=0, le=0.1)
+    density: float = parameter(MISSING, "kg/m3", "density of the particle", ge=1e-3, le=25000)
+    diameter: float = parameter(MISSING, "m", "diameter of the particle", ge=1e-9, le=0.1)
     restitution: float = parameter(0.7, "-", "particle-particle restitution", gt=0, le=1)
     packing_limit: float = parameter(0.63, "-", "largest solids fraction", gt=0, lt=0.7406)
     friction_limit: float = parameter(

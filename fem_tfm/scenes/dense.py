@@ -22,8 +22,9 @@ from fem_tfm.output.pictures import SectionView, section_picture, vertical_profi
 from fem_tfm.output.profiles import write_profiles
 from fem_tfm.output.result import Result
 from fem_tfm.scenes.judged import plausible
+from fem_tfm.scenes.judged.gas import loading
 from fem_tfm.scenes.judged.memory import check_memory, section_cells
-from fem_tfm.scenes.judged.plausible import check_flux, doubts
+from fem_tfm.scenes.judged.plausible import check_flux
 from fem_tfm.scenes.physics import (
     SECTION_COLUMNS,
     SECTION_FILES,
@@ -187,10 +188,6 @@ class Dense(SectionPhysics):
         """What a user probably did not mean, one sentence each."""
         return advice(self.scene)
 
-    def doubts(self) -> list[str]:
-        """What a user probably did not mean, with the number that gives it away."""
-        return doubts(self.scene)
-
     def given(self) -> str:
         """What is given and what is found, in words."""
         gas = f"gas {self.scene.feed.gas_velocity:g} m/s superficial"
@@ -228,7 +225,9 @@ class Dense(SectionPhysics):
         scales = len(self.scene.model.scales)
         factor = TRANSPORT_FACTOR if scales else 1
         if plausible.expects_bed(self.scene):
-            factor *= BED_FACTOR * (LIFTED_FACTOR if plausible.lifts(self.scene) else 1)
+            factor *= BED_FACTOR * (
+                LIFTED_FACTOR if plausible.lifts(self.scene, self.scene.model.solids) else 1
+            )
         return {
             "memory": BASE_MEMORY + MEMORY_PER_UNKNOWN * unknowns,
             "solve": factor * TIME_PER_UNKNOWN * unknowns + 1,
@@ -384,7 +383,7 @@ def advice(scene: Any) -> list[str]:
         said += laminarised(scene)
     if solids:
         said += plausible.crowded(laws.solids_wall, scene.feed.solids_fraction)
-    return said + doubts(scene)
+    return said
 
 
 def laminarised(scene: Any) -> list[str]:
@@ -394,10 +393,10 @@ def laminarised(scene: Any) -> list[str]:
     tau_t = 0.11 D/U is that of the mean dissipation of a pipe.
     """
     gas, solids, law = scene.model.gas, scene.model.solids, scene.model.dispersed
-    loading, width = plausible.loading(scene), scene.geometry.hydraulic_diameter
+    width = scene.geometry.hydraulic_diameter
     time = (solids.density + law.C_A * gas.density) * solids.diameter**2 / (18 * gas.viscosity)
     eta = EDDY_SHARE * width / (scene.feed.gas_velocity * time)
-    sink = law.damping * SIMONIN_SINK * loading * eta / (1 + eta)
+    sink = law.damping * SIMONIN_SINK * loading(scene) * eta / (1 + eta)
     if eta < 1 or sink < 1:
         return []
     return [

@@ -25,6 +25,7 @@ from fem_tfm.parameters import parameter
 from fem_tfm.scenes.dense import Dense
 from fem_tfm.scenes.duct import DEFAULTS, DuctGas
 from fem_tfm.scenes.judged.finer import halved_mesh, trusted
+from fem_tfm.scenes.judged.gas import Derived
 from fem_tfm.scenes.judged.inputs import Uncertain, check_ranges, input_ranges
 from fem_tfm.scenes.judged.plausible import derived, estimates, out_of_range
 from fem_tfm.scenes.kinds import Kind, register
@@ -50,17 +51,13 @@ class SectionScene[P: SectionPhysics, R: Recorder](Scene[P, R]):
         """Names of what a run may leave in its directory."""
         return self.physics.files
 
-    def numbers(self) -> list[str]:
-        """Numbers that follow from the scene, in words."""
-        return [*map(str, derived(self))] if isinstance(self.model, TwoFluid) else []
+    def derived(self) -> list[Derived]:
+        """Numbers of gas and solids, and what they give away."""
+        return derived(self)
 
     def advice(self) -> list[str]:
         """What the user probably did not mean, one sentence each."""
         return self.physics.advice()
-
-    def doubts(self) -> list[str]:
-        """Those of `advice` that a number gives away, likely causes where there is no answer."""
-        return self.physics.doubts()
 
     def estimates(self, answer: Answer) -> list[str]:
         """What published correlations give for the same line, in words."""

@@ -133,10 +133,6 @@ class SectionPhysics(Physics, ABC):
     def advice(self) -> list[str]:
         """What a user probably did not mean, one sentence each."""
 
-    def doubts(self) -> list[str]:
-        """What a user probably did not mean, with the number that gives it away."""
-        return []
-
     @abstractmethod
     def given(self) -> str:
         """What is given and what is found, in words."""

@@ -34,6 +34,7 @@ from fem_tfm.output.split_picture import draw_split
 from fem_tfm.parameters import Parameters, key_of, parameter
 from fem_tfm.progress import Progress
 from fem_tfm.scenes.judged.answer import judge
+from fem_tfm.scenes.judged.gas import Derived, doubts, is_doubted
 from fem_tfm.scenes.kinds import KINDS, Kind, check_shape, unread_words
 from fem_tfm.scenes.particles import words as cloud_words
 from fem_tfm.scenes.physics import Physics
@@ -233,10 +234,6 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
     def advice(self) -> list[str]:
         """What the user probably did not mean, one sentence each."""
 
-    def doubts(self) -> list[str]:
-        """Those of `advice` that a number gives away, likely causes where there is no answer."""
-        return []
-
     def judge(self, answer: Answer) -> list[str]:
         """What an answer must say of itself; raises SolverError where it is none."""
         return judge(self, answer)
@@ -246,16 +243,28 @@ class Scene[P: Physics, R: Recorder](Parameters, ABC):
         return []
 
     def warnings(self) -> list[str]:
-        """`advice`, and what is to be said of the particles."""
-        return self.advice() + (cloud_words.advice(self) if self.particles is not None else [])
+        """`advice`, doubted numbers, and what is to be said of the particles."""
+        said = self.advice() + doubts(self._judged())
+        return said + (cloud_words.advice(self) if self.particles is not None else [])
 
     def left_out(self) -> list[str]:
         """`skipped`, and what the particles are followed without."""
         return self.skipped() + (cloud_words.skipped(self) if self.particles is not None else [])
 
+    def derived(self) -> list[Derived]:
+        """Numbers that follow from the scene, and what they give away."""
+        return []
+
+    def _judged(self) -> list[Derived]:
+        """`derived`, and the numbers of the particles."""
+        found = self.derived()
+        if self.particles is None:
+            return found
+        return found + cloud_words.derived(self, is_doubted(found))
+
     def numbers(self) -> list[str]:
         """Numbers that follow from the scene, in words."""
-        return []
+        return [*map(str, self._judged())]
 
     def examine(self) -> None:
         """Refuse what cannot be solved, without solving it; raises InputError."""
@@ -407,9 +416,9 @@ def _solved[R: Recorder](scene: Scene[Any, R], recorder: R, previous: Answer | N
     try:
         return scene.solve(recorder, previous)
     except SolverError as stop:
-        if not (doubts := scene.doubts()):
+        if not (said := doubts(scene._judged())):
             raise
-        raise SolverError(f"{stop}; likely cause: {'; '.join(doubts)}") from stop
+        raise SolverError(f"{stop}; likely cause: {'; '.join(said)}") from stop
 
 
 def _whereabouts(recorder: Recorder) -> str:

@@ -36,9 +36,10 @@ from fem_tfm.output.result import Result
 from fem_tfm.parameters import parameter
 from fem_tfm.scenes import dense
 from fem_tfm.scenes.developed import describe
+from fem_tfm.scenes.judged.gas import Derived
 from fem_tfm.scenes.judged.memory import check_memory, section_cells
 from fem_tfm.scenes.judged.places import check_places
-from fem_tfm.scenes.judged.plausible import check_flux, derived, doubts
+from fem_tfm.scenes.judged.plausible import check_flux, derived
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles.line import Along, follow_line
 from fem_tfm.scenes.particles.tracking import following_time
@@ -331,13 +332,9 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
             )
         return said
 
-    def doubts(self) -> list[str]:
-        """Those of `advice` that a number gives away, likely causes where there is no answer."""
-        return doubts(self)
-
-    def numbers(self) -> list[str]:
-        """Numbers that follow from the scene, in words."""
-        return [*map(str, derived(self))]
+    def derived(self) -> list[Derived]:
+        """Numbers of gas and solids, and what they give away."""
+        return derived(self)
 
     def examine(self) -> None:
         """Refuse what cannot be solved, without solving it; raises InputError."""

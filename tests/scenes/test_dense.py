@@ -18,7 +18,7 @@ def demo(root: Path) -> Case:
 
 
 def test_the_demo_needs_no_advice(demo: Case) -> None:
-    assert demo.scene.advice() == []
+    assert demo.scene.warnings() == []
 
 
 @pytest.mark.parametrize(
@@ -31,13 +31,13 @@ def test_the_demo_needs_no_advice(demo: Case) -> None:
     ],
 )
 def test_advice(demo: Case, changes: dict[str, Any], part: str) -> None:
-    (sentence,) = demo.with_values(changes).scene.advice()
+    (sentence,) = demo.with_values(changes).scene.warnings()
     assert part in sentence
 
 
 def test_a_packed_friction_limit_is_fine(demo: Case) -> None:
     changes = {"closures.friction": "schaeffer", "solids.friction_limit": 0.58}
-    assert demo.with_values(changes).scene.advice() == []
+    assert demo.with_values(changes).scene.warnings() == []
 
 
 def test_describe_tells_what_is_solved_and_skipped(demo: Case) -> None:

@@ -17,7 +17,8 @@ MODEL = ft.ReynoldsStress(ft.Gas(1.2, 1.8e-5), wall_distance=8e-4)
 
 
 def ash(**more: Any) -> ft.Material:
-    return ft.Material("ash", 1800, 1.4e-4, **{"mass_flow": 0.01, "velocity": 20.0} | more)
+    given = {"diameter": 1.4e-4, "mass_flow": 0.01, "velocity": 20.0}
+    return ft.Material("ash", 1800, **given | more)
 
 
 def scene(cls: Any = ft.Developed, *, material: ft.Material | None = None, **cloud: Any) -> Any:
@@ -146,3 +147,36 @@ def test_points_that_are_shares_are_told() -> None:
 def test_a_steady_gas_knows_no_times() -> None:
     with pytest.raises(InputError, match="solution = 'unsteady' knows times"):
         scene(release="during")
+
+
+@pytest.mark.parametrize(
+    ("more", "word"),
+    [
+        ({"density": 2.6}, "is particles.materials[0].density = 2.6 in kg/m3, not in g/cm3?"),
+        ({"diameter": 0.09}, "grains block such a line; is particles.materials[0].diameter = 0.09"),
+        ({"diameter": 5e-7}, "is particles.materials[0].diameter = 5e-07 in m?"),
+    ],
+)
+def test_materials_are_doubted_as_solids_are(more: dict[str, float], word: str) -> None:
+    given = {"density": 1800.0, "diameter": 1.4e-4} | more
+    made = ft.Material("ash", **given, mass_flow=1e-4, velocity=20.0)
+    assert any(word in text for text in scene(material=made).warnings())
+    assert not any("ash: " in text for text in scene(material=ash(mass_flow=1e-4)).warnings())
+
+
+@pytest.mark.parametrize(("speed", "settles"), [(2.0, True), (22.0, False)])
+def test_parcels_that_would_settle_are_told(speed: float, settles: bool) -> None:
+    cloud = ft.Cloud((ash(diameter=1e-3),), forces=("drag", "gravity"))
+    slow = ft.Developed(MODEL, DUCT, ft.Feed(speed), particles=cloud)
+    assert any("ash: saltation velocity by Rizk" in text for text in slow.numbers())
+    assert any("parcels form no bed" in text for text in slow.warnings()) == settles
+    light = ft.Developed(MODEL, DUCT, ft.Feed(speed), particles=ft.Cloud((ash(),)))
+    assert not any("parcels form no bed" in text for text in light.warnings())
+
+
+def test_a_gas_that_lifts_no_particle_is_told() -> None:
+    cloud = ft.Cloud((ash(diameter=1e-3),), forces=("drag", "gravity"))
+    riser = ft.Pipe(diameter=0.2, length=1.0, inclination_deg=90.0)
+    model = ft.TwoFluid(ft.Gas(1.2, 1.8e-5))
+    told = ft.Developed(model, riser, ft.Feed(2.0), particles=cloud).warnings()
+    assert any("more slowly than a grain falls" in text for text in told)

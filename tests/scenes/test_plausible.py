@@ -17,8 +17,9 @@ from fem_tfm.correlations import cunningham, rizk_velocity, sound_speed, termina
 from fem_tfm.errors import InputError, SolverError
 from fem_tfm.materials import Gas, Solids
 from fem_tfm.scenes.judged import memory
+from fem_tfm.scenes.judged.gas import doubts
 from fem_tfm.scenes.judged.memory import section_cells
-from fem_tfm.scenes.judged.plausible import derived, doubts, out_of_range
+from fem_tfm.scenes.judged.plausible import derived, out_of_range
 
 RISER: dict[str, Any] = {
     "geometry": {"diameter": 0.05, "length": 10.0, "inclination_deg": 90.0},
@@ -33,7 +34,7 @@ def riser(**changes: Any) -> Case:
 
 
 def test_a_plausible_case_has_no_doubts() -> None:
-    assert doubts(riser().scene) == []
+    assert doubts(riser().scene.derived()) == []
     told = {number.name: number.value for number in derived(riser().scene)}
     assert told["gas density"] == pytest.approx(1.19, rel=1e-2)
     assert told["loading, solids over gas by mass"] == pytest.approx(3.57, rel=1e-2)
@@ -60,8 +61,110 @@ def test_a_plausible_case_has_no_doubts() -> None:
 def test_a_slip_of_units_is_told_with_the_number_that_gives_it_away(
     key: str, value: float, number: str
 ) -> None:
-    warnings = Case.from_dict(RISER).with_values({key: value}).scene.advice()
+    warnings = Case.from_dict(RISER).with_values({key: value}).scene.warnings()
     assert any(number in text for text in warnings)
+
+
+AIR = {"density": 1.2, "viscosity": 1.8e-5}
+GAS_ALONE = {
+    "geometry": {"diameter": 0.1, "length": 10.0},
+    "gas": AIR,
+    "operation": {"gas_superficial_velocity": 20.0},
+}
+DUCT = GAS_ALONE | {
+    "flow": "duct",
+    "geometry": {"shape": "duct", "width": 0.2, "length": 10.0},
+    "walls": {"distance": 8e-4},
+}
+TUBE = {
+    "flow": "slug",
+    "geometry": {"diameter": 0.007, "length": 0.1},
+    "gas": {"viscosity": 6.73e-5},
+    "solids": {"density": 937.0, "diameter": 1.4e-3},
+    "operation": {"gas_superficial_velocity": 1.0, "solids_mass_flow": 6.9167e-4},
+    "averages": {"low": 0.02, "high": 0.09},
+}
+
+
+@pytest.mark.parametrize("tables", [RISER, GAS_ALONE, DUCT, TUBE])
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"gas.viscosity": 0.018}, "gas viscosity 0.018 Pa s: gases have"),
+        ({"gas.viscosity": 1e-12}, "gas viscosity 1e-12 Pa s: gases have"),
+        ({"geometry.length": 1e-3}, "the line is wider than long"),
+        ({"operation.gas_superficial_velocity": 290.0}, "over that of sound 0.8"),
+    ],
+)
+def test_every_flow_doubts_its_gas_and_names_a_cause_once(
+    tables: dict[str, Any], changes: dict[str, Any], word: str
+) -> None:
+    scene = Case.from_dict(tables).scene
+    assert doubts(scene.derived()) == []
+    gas = {"gas.species": None, "gas.pressure": None, "gas.density": 1.2, "gas.viscosity": 1.8e-5}
+    more = gas if tables is RISER and "gas.viscosity" in changes else {}
+    if tables is TUBE and "geometry.length" in changes:
+        more = {"averages.low": 1e-4, "averages.high": 9e-4}
+    (told,) = doubts(Case.from_dict(tables).with_values(more | changes).scene.derived())
+    assert word in told
+
+
+@pytest.mark.parametrize(
+    ("tables", "key", "value", "word"),
+    [
+        (DUCT, "gas.density", 1200.0, "that of a liquid"),
+        (DUCT, "geometry.width", 100.0, "the line is wider than long"),
+        (DUCT, "operation.gas_superficial_velocity", 1.0, "meant for more than 20000"),
+        (TUBE, "gas.reference_pressure", 1.0, "is that in Pa, not in bar?"),
+        (GAS_ALONE, "operation.gas_superficial_velocity", 0.3, "closures.turbulence = 'laminar'"),
+        (GAS_ALONE, "operation.gas_superficial_velocity", 0.005, "nothing is turbulent there"),
+        (GAS_ALONE, "geometry.length", 1e4, "4.032 (that of air of this density): a gas of one"),
+        (GAS_ALONE, "operation.outlet_pressure", 1.0, "outlet_pressure = 1 in Pa, not in bar?"),
+    ],
+)
+def test_other_flows_than_dense_solids_doubt_their_numbers(
+    tables: dict[str, Any], key: str, value: float, word: str
+) -> None:
+    (told,) = doubts(Case.from_dict(tables).with_values({key: value}).scene.derived())
+    assert word in told
+
+
+def test_a_slow_gas_is_not_doubted_where_laminar_or_where_solids_decide() -> None:
+    slow = {"operation.gas_superficial_velocity": 0.3}
+    laminar = {"closures.turbulence": "laminar", "walls.gas": "no-slip"}
+    assert Case.from_dict(GAS_ALONE).with_values(slow | laminar).scene.warnings() == []
+    solids = {"solids": {"density": 1400.0, "diameter": 1e-3}}
+    feed = {"gas_superficial_velocity": 0.3, "solids_fraction": 0.2}
+    dense = Case.from_dict(GAS_ALONE | solids | {"operation": feed})
+    assert not any("turbulent" in text for text in dense.scene.warnings())
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("gas.viscosity", 1e-300),
+        ("gas.pressure", 1e-300),
+        ("solids.diameter", 1e-12),
+        ("solids.density", 1e-300),
+    ],
+)
+def test_what_no_material_has_is_refused_with_its_key(key: str, value: float) -> None:
+    with pytest.raises(InputError) as caught:
+        riser().with_values({key: value})
+    assert caught.value.key == key
+
+
+@pytest.mark.parametrize("gravity", [1e-300, 1e-9, 1000.0])
+@pytest.mark.parametrize("diameter", [1e-9, 1e-4, 0.04])
+@pytest.mark.parametrize("viscosity", [1e-12, 1.8e-5, 1.0])
+def test_correlations_have_a_value_within_the_bounds_of_keys(
+    gravity: float, diameter: float, viscosity: float
+) -> None:
+    gas, grain = Gas(density=1.2, viscosity=viscosity), Solids(density=2500.0, diameter=diameter)
+    speed = terminal_velocity(gas, grain, gravity)
+    assert 0 < speed <= (2500.0 - 1.2) * gravity * diameter**2 / (18 * viscosity) * 1.000001
+    assert math.isfinite(rizk_velocity(0.1, 0.05, gas, grain, gravity))
+    assert math.isfinite(cunningham(gas, diameter))
 
 
 def test_check_tells_the_numbers_and_the_slip(

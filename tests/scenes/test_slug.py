@@ -291,3 +291,29 @@ def test_a_sweep_tells_the_errors_of_its_points_and_goes_on(tmp_path: Path) -> N
     again = sweep.run(chosen, {key: [3.0, 4.0]}, tmp_path, resume=True)
     assert again.points[0].cpu_seconds == found.points[0].cpu_seconds
     assert again.points[1].quantities == found.points[1].quantities
+
+
+@pytest.mark.parametrize(
+    ("changes", "doubted"),
+    [
+        ({}, False),
+        ({"gas.viscosity": 1.8e-5, "operation.gas_superficial_velocity": 5.0}, True),
+        (
+            {
+                "gas.viscosity": 1.8e-5,
+                "operation.gas_superficial_velocity": 5.0,
+                "closures.permeability": "ergun",
+            },
+            False,
+        ),
+    ],
+)
+def test_a_gas_too_fast_for_a_resistance_without_inertia_is_told(
+    changes: dict[str, Any], doubted: bool
+) -> None:
+    """Ergun over Carman and Kozeny is 150/180 (1 + 1.75/90 Re) at a porosity of 0.4."""
+    told = [text for text in case(**changes).scene.warnings() if "by Ergun as by" in text]
+    assert bool(told) == doubted
+    if doubted:
+        factor = 150 / 180 * (1 + 1.75 / 90 * 1.2 * 5.0 * 1.4e-3 / 1.8e-5)
+        assert f"{factor:.2g} times" in told[0] and "'ergun'" in told[0]

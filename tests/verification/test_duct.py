@@ -99,7 +99,7 @@ def test_the_demo_follows_a_slower_gas(root: Path) -> None:
     """At 3 m/s the wall function stands further off, where it holds."""
     slow = ["operation.gas_superficial_velocity=3", "numerics.mesh_size=0.0292"]
     given = Case.load(root / "demos/square_duct/gas.toml", slow)
-    assert not given.scene.advice()
+    assert not given.scene.warnings()
     section = solve(given).section
     friction = duct.quantities(section, 1.2, 16.0)["friction_factor"]
     assert friction == pytest.approx(jones_friction(3 * 0.2 / 1.5e-5, 1, 1), rel=0.05)

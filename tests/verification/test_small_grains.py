@@ -231,7 +231,7 @@ def test_a_riser_of_fine_grains(speed: float, flux: float, drop: float, holdup: 
     found = quantities(solve(given))
     assert found["pressure_gradient"] == pytest.approx(drop, rel=0.2)
     assert found["holdup"] == pytest.approx(holdup, rel=0.2)
-    assert not any("clusters" in text for text in given.scene.advice())
+    assert not any("clusters" in text for text in given.scene.warnings())
 
 
 def uniform() -> Case:
@@ -239,7 +239,7 @@ def uniform() -> Case:
 
 
 def test_a_riser_with_the_drag_of_a_uniform_suspension_is_warned_of() -> None:
-    assert any("clusters" in text for text in uniform().scene.advice())
+    assert any("clusters" in text for text in uniform().scene.warnings())
 
 
 @pytest.mark.slow

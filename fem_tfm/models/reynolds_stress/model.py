@@ -17,8 +17,8 @@ from fem_tfm.parameters import Parameters, parameter
 
 # default distance of the wall function in wall units, and its least share of the diameter
 WALL_PLUS, SMALLEST_DISTANCE = 40.0, 0.004
-# the least Reynolds number that the distance is made for
-SLOWEST = 4e3
+# the least Reynolds number that the distance is made for, and that of wall functions
+SLOWEST, LEAST_REYNOLDS = 4e3, 2e4
 
 
 @dataclass(frozen=True)
@@ -79,6 +79,11 @@ class ReynoldsStress(Parameters):
         if isinstance(function, Equilibrium) and not function.C_mu:
             function = replace(function, C_mu=stress.log_layer().C_mu)
         return stress, function
+
+    @property
+    def turbulent_from(self) -> tuple[float, str]:
+        """Least Reynolds number of the laws of turbulence [-], and what to say below it."""
+        return LEAST_REYNOLDS, f"wall functions are meant for more than {LEAST_REYNOLDS:g}"
 
     def wall_offset(self, speed: float, diameter: float) -> float:
         """Distance y_p at which the wall function holds [m].

@@ -20,10 +20,10 @@ class TubeGas(Parameters):
     porosity_floor : the resistance of the bed is that of this porosity where there is less gas
     """
 
-    viscosity: float = parameter(MISSING, "Pa s", "effective dynamic viscosity", gt=0, le=1)
-    density: float = parameter(1.2, "kg/m3", "density at the reference pressure", gt=0, le=2000)
+    viscosity: float = parameter(MISSING, "Pa s", "effective dynamic viscosity", ge=1e-12, le=1)
+    density: float = parameter(1.2, "kg/m3", "density at the reference pressure", ge=1e-9, le=2000)
     reference_pressure: float = parameter(
-        101325.0, "Pa", "absolute pressure P_0 at the outlet", gt=0, le=1e9
+        101325.0, "Pa", "absolute pressure P_0 at the outlet", ge=0.01, le=1e9
     )
     permeability: Permeability = law(
         "permeability", "carman-kozeny", "resistance of the bed", "closures.permeability"
@@ -31,6 +31,12 @@ class TubeGas(Parameters):
     balance: Literal["linear", "full"] = parameter("linear", doc="form of the gas balance")
     porosity_floor: float = parameter(0.2, "-", "least porosity in the resistance", gt=0, lt=1)
     table: ClassVar[str] = "gas"
+    temperature: ClassVar[float] = 293.0
+
+    @property
+    def pressure(self) -> float:
+        """Absolute pressure at which the gas has its density [Pa]."""
+        return self.reference_pressure
 
 
 def resistance(

@@ -39,8 +39,8 @@ class Grain(Parameters):
     Diameters are spread evenly over mean (1 -+ spread).
     """
 
-    density: float = parameter(MISSING, "kg/m3", "density of the particle", gt=0, le=25000)
-    diameter: float = parameter(MISSING, "m", "mean diameter of the particle", gt=0, le=0.1)
+    density: float = parameter(MISSING, "kg/m3", "density of the particle", ge=1e-3, le=25000)
+    diameter: float = parameter(MISSING, "m", "mean diameter of the particle", ge=1e-9, le=0.1)
     spread: float = parameter(0.0, "-", "half width of the diameters over their mean", ge=0, le=0.5)
     contact: Contact = law(
         "contact", "viscous-coulomb", "contact of two grains", "closures.contact"

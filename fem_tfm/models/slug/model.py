@@ -44,6 +44,11 @@ class DiscreteElements(Parameters):
         if self.wear is not None:
             yield self.wear
 
+    @property
+    def turbulent_from(self) -> tuple[float, str]:
+        """0: the gas has no turbulence."""
+        return 0.0, ""
+
     def wall_offset(self, speed: float, diameter: float) -> float:
         """0: the wall of the gas is Poiseuille's resistance."""
         return 0.0

@@ -29,6 +29,8 @@ WALL_SHARE = 0.01
 # wall distance in wall units where the mesh resolves the sublayer, and the least Reynolds number
 # that it is made for
 SUBLAYER_PLUS, SLOWEST = 2.0, 4e3
+# the least Reynolds number of a gas that laws of turbulence are for
+LEAST_REYNOLDS = 3e3
 # a name that stands for laws of two families
 FOUR_EQUATION = "realizable-4eq"
 
@@ -206,6 +208,17 @@ class TwoFluid(Parameters):
             value = getattr(self, f.name)
             if isinstance(value, Closure) and (self.solids is not None or f.name in of_gas):
                 yield value
+
+    @property
+    def turbulent_from(self) -> tuple[float, str]:
+        """Least Reynolds number of the law of turbulence [-], and what to say below it."""
+        if self.turbulence.name == "laminar":
+            return 0.0, ""
+        return LEAST_REYNOLDS, (
+            f"a gas is turbulent above {LEAST_REYNOLDS:g} or so, and its friction comes out too"
+            " large below; closures.turbulence = 'laminar' with walls.gas = 'no-slip' solves a"
+            " laminar one"
+        )
 
     @property
     def scales(self) -> tuple[str, ...]:

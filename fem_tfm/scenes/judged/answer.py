@@ -9,7 +9,8 @@ from typing import Any
 
 from fem_tfm.errors import SolverError
 from fem_tfm.output.split_picture import PARTS
-from fem_tfm.scenes.judged.plausible import crowded
+from fem_tfm.scenes.judged.gas import absolute_pressure
+from fem_tfm.scenes.judged.plausible import LARGEST_DROP, crowded
 
 # an estimated error above this share of its quantity tells that meshes disagree
 LARGEST_ERROR = 0.2
@@ -21,8 +22,8 @@ DISAGREE = (
     "the march and one with cells and steps twice as large disagree, so there is no answer: raise"
     " numerics.level or lower numerics.axial_accuracy",
 )
-# drop over the absolute pressure from which a gas of one density is wrong, and very wrong
-NOTICED_DROP, LARGEST_DROP = 0.1, 0.4
+# drop over the absolute pressure from which a gas of one density is wrong
+NOTICED_DROP = 0.1
 # below this length over the diameter nothing tells whether a march has developed
 SHORT = 20.0
 # a march whose quantities still change beyond this share of the line has not developed
@@ -68,13 +69,6 @@ def doubtful(scene: Any, found: Mapping[str, float], errors: Mapping[str, float 
     return ""
 
 
-def absolute_pressure(scene: Any) -> float | None:
-    """Absolute pressure at which the gas has its density [Pa], None where nothing tells it."""
-    gas, feed = scene.model.gas, scene.feed
-    known: float | None = gas.pressure or feed.outlet_pressure
-    return known
-
-
 def with_expansion(drop: float, density_at: float, outlet: float) -> float:
     """Drop of a gas that expands at constant temperature [Pa]; nan where none is possible.
 
@@ -89,9 +83,10 @@ def with_expansion(drop: float, density_at: float, outlet: float) -> float:
 
 def _expansion(scene: Any, found: Mapping[str, float]) -> list[str]:
     """How far a gas of one density is wrong; raises SolverError where it is very wrong."""
-    drop, pressure = found.get("pressure_drop", math.nan), absolute_pressure(scene)
-    if pressure is None or scene.model.gas.compressible or not math.isfinite(drop):
+    drop = found.get("pressure_drop", math.nan)
+    if scene.model.gas.compressible or not math.isfinite(drop):
         return []
+    pressure, guessed = absolute_pressure(scene)
     outlet = scene.feed.outlet_pressure or pressure
     share = abs(drop) / outlet
     if share <= NOTICED_DROP:
@@ -99,7 +94,8 @@ def _expansion(scene: Any, found: Mapping[str, float]) -> list[str]:
     better = with_expansion(drop, pressure, outlet)
     told = (
         f"the pressure drop of {drop:.4g} Pa is {100 * share:.0f} % of the absolute pressure"
-        f" {outlet:.4g} Pa at the outlet, and the gas has one density"
+        f" {outlet:.4g} Pa at the outlet{f' ({guessed})' if guessed else ''}, and the gas has one"
+        " density"
     )
     if share > LARGEST_DROP:
         raise SolverError(

@@ -1,31 +1,39 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Numbers that follow from a dense scene, and what they give away: slips of units, settling."""
+"""Numbers that follow from a scene, and what they give away: slips of units, settling, a drop."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from fem_tfm.closures.walls.solids import SolidsWall
 from fem_tfm.correlations import (
-    cunningham,
     friction_velocity,
     konno_saito,
-    rizk_velocity,
     smooth_friction,
-    sound_speed,
     terminal_velocity,
 )
 from fem_tfm.errors import InputError
+from fem_tfm.scenes.judged.gas import (
+    TURBULENT,
+    Derived,
+    absolute_pressure,
+    is_doubted,
+    loading,
+    of_the_gas,
+    solids_flux,
+)
+from fem_tfm.scenes.judged.grains import (
+    is_steep,
+    of_falling,
+    of_saltation,
+    of_the_grains,
+    saltation_velocity,
+)
 
-# bounds outside of which a number was hardly meant
-THIN_GAS, COLD_GAS, LIGHT_GRAINS, LIGHT_RATIO = 0.02, 150.0, 20.0, 3.0
-LEAST_LOADING, LARGEST_LOADING, SHORTEST_LINE, SLOWEST = 1e-4, 300.0, 1.0, 50.0
-# velocity of the gas over that of sound up to which it keeps its density, the smallest grain that
-# a continuum carries [m], and the factor by which the gas may slip along it
-LARGEST_MACH, SMALLEST_GRAIN, LARGEST_SLIP = 0.3, 1e-6, 1.15
+# loadings outside of which nothing is conveyed
+LEAST_LOADING, LARGEST_LOADING = 1e-4, 300.0
 # a flux of solids needs a velocity beyond these over and above that of the gas [-], [m/s]
 FAST, FASTER_BY = 3.0, 10.0
 # Rouse numbers below and above which grains stay up and settle, and von Karman's constant
@@ -36,99 +44,22 @@ KONNO_SAITO_GRAINS, RIZK_GRAINS = (5e-5, 3e-3), (1e-4, 2e-3)
 DILUTE, LEAST_FRICTION = 0.01, 0.5
 # g D/v_t^2 from which grains move in clusters, and the loading below which they do not
 CLUSTERED, CLUSTER_LOADING = 4.0, 0.5
-# lines steeper than this do not let grains settle [deg], and the least Re of a turbulent gas
-STEEP, TURBULENT = 45.0, 4000.0
-
-
-@dataclass(frozen=True)
-class Derived:
-    """A number that follows from a scene.
-
-    doubt : the slip that it gives away, empty where there is none
-    """
-
-    name: str
-    value: float
-    unit: str
-    doubt: str = ""
-
-    def __str__(self) -> str:
-        return f"{self.name} {self.value:.4g} {self.unit}".rstrip()
-
-
-def doubts(scene: Any) -> list[str]:
-    """What a user probably did not mean, with the number that gives it away."""
-    return [f"{number}: {number.doubt}" for number in derived(scene) if number.doubt]
+# drop over the absolute pressure from which a gas of one density is no answer, and a pressure at
+# the outlet that was hardly meant [Pa]
+LARGEST_DROP, LEAST_OUTLET = 0.4, 1000.0
 
 
 def derived(scene: Any) -> list[Derived]:
-    """The numbers of a dense scene."""
-    found = [*_of_the_gas(scene)]
+    """The numbers of a line that is fed with gas, and with solids where it has any."""
+    found = [*of_the_gas(scene)]
     if scene.model.solids is not None and scene.solids_feed is not None:
-        found += _of_the_solids(scene)
-    return found
+        found += _of_the_solids(scene, is_doubted(found))
+    return [*found, *_of_the_drop(scene, any(number.doubt for number in found))]
 
 
-def _of_the_gas(scene: Any) -> Iterator[Derived]:
-    gas, geometry = scene.model.gas, scene.geometry
-    width, reynolds = geometry.hydraulic_diameter, scene.reynolds
-    doubt = ""
-    if gas.density < THIN_GAS:
-        doubt = "next to a vacuum"
-        if gas.pressure is not None:
-            doubt += f"; is gas.pressure = {gas.pressure:g} in Pa, not in bar?"
-    elif gas.pressure is not None and gas.temperature < COLD_GAS:
-        doubt = f"is gas.temperature = {gas.temperature:g} in K, not in degrees Celsius?"
-    yield Derived("gas density", gas.density, "kg/m3", doubt)
-    ratio = geometry.length / width
-    doubt = ""
-    if ratio < SHORTEST_LINE:
-        doubt = f"the line is wider than long; is its diameter of {width:g} m in metres?"
-    yield Derived("length over diameter", ratio, "", doubt)
-    doubt = ""
-    if reynolds < SLOWEST and scene.model.turbulence.name != "laminar":
-        doubt = f"nothing is turbulent there; is gas.viscosity = {gas.viscosity:g} in Pa s?"
-    yield Derived("Reynolds number of the gas", reynolds, "", doubt)
-    speed, doubt = scene.feed.gas_velocity, ""
-    mach = speed / sound_speed(gas)
-    if mach > LARGEST_MACH:
-        doubt = (
-            "its motion alone changes the density of the gas;"
-            f" is operation.gas_superficial_velocity = {speed:g} in m/s, not in km/h?"
-        )
-    yield Derived("gas velocity over that of sound", mach, "", doubt)
-    if reynolds > TURBULENT:
-        nu = gas.viscosity / gas.density
-        y_plus = scene.wall_offset * friction_velocity(scene.feed.gas_velocity, width, nu) / nu
-        yield Derived("wall distance y+", y_plus, "")
-
-
-def solids_flux(scene: Any) -> float:
-    """Superficial velocity of the solids, about, where their hold-up is given [m/s]."""
-    kind, value = scene.solids_feed
-    return float(value if kind == "flux" else value * scene.feed.gas_velocity)
-
-
-def loading(scene: Any) -> float:
-    """Mass flow of the solids over that of the gas [-]."""
-    mass = scene.model.solids.density * solids_flux(scene)
-    return float(mass / (scene.model.gas.density * scene.feed.gas_velocity))
-
-
-def _of_the_solids(scene: Any) -> Iterator[Derived]:
-    gas, solids, feed = scene.model.gas, scene.model.solids, scene.feed
-    ratio, doubt = solids.density / gas.density, ""
-    if solids.density < LIGHT_GRAINS or ratio < LIGHT_RATIO:
-        doubt = f"is solids.density = {solids.density:g} in kg/m3, not in g/cm3?"
-    yield Derived("solids density over that of the gas", ratio, "", doubt)
-    slip, doubt = cunningham(gas, solids.diameter), ""
-    if slip > LARGEST_SLIP or solids.diameter < SMALLEST_GRAIN:
-        doubt = (
-            f"the gas slips along grains of {1e6 * solids.diameter:g} um, Brownian motion spreads"
-            " them and adhesion holds them, which no law here knows; is solids.diameter ="
-            f" {solids.diameter:g} in m?"
-        )
-    yield Derived("slip of the gas along a grain, by Cunningham", slip, "", doubt)
+def _of_the_solids(scene: Any, blamed: bool) -> Iterator[Derived]:
+    solids, feed = scene.model.solids, scene.feed
+    yield from of_the_grains(scene, solids, "solids", blamed)
     (kind, _), flux = scene.solids_feed, solids_flux(scene)
     if kind == "flux":
         doubt = ""
@@ -144,71 +75,58 @@ def _of_the_solids(scene: Any) -> Iterator[Derived]:
     yield Derived("loading, solids over gas by mass", loading(scene), "", doubt)
     yield Derived("wall distance in grain diameters", scene.wall_offset / solids.diameter, "")
     if feed.gravity > 0:
-        yield from _of_settling(scene)
-    yield from _of_the_drop(scene, solids.density * flux)
+        yield from _of_settling(scene, blamed)
 
 
-def rouse_number(scene: Any) -> float:
-    """w_t/(kappa u_tau) of the grains [-]."""
+def rouse_number(scene: Any, grains: Any) -> float:
+    """w_t/(kappa u_tau) of grains [-]."""
     gas, feed, width = scene.model.gas, scene.feed, scene.geometry.hydraulic_diameter
-    falling = terminal_velocity(gas, scene.model.solids, feed.gravity)
+    falling = terminal_velocity(gas, grains, feed.gravity)
     u_tau = friction_velocity(feed.gas_velocity, width, gas.viscosity / gas.density)
     return float(falling / (KARMAN * u_tau))
 
 
-def saltation_velocity(scene: Any) -> float:
-    """Superficial velocity of the gas below which grains begin to settle, by Rizk [m/s]."""
-    solids, width = scene.model.solids, scene.geometry.hydraulic_diameter
-    flow = solids.density * solids_flux(scene) * scene.geometry.area
-    return float(rizk_velocity(flow, width, scene.model.gas, solids, scene.feed.gravity))
-
-
 def expects_bed(scene: Any) -> bool:
     """Whether grains settle in a line by Rizk, level or nearly so."""
-    if scene.model.solids is None or not scene.feed.gravity > 0:
+    if scene.model.solids is None or not scene.feed.gravity > 0 or is_steep(scene):
         return False
-    level = abs(scene.geometry.inclination_deg) <= STEEP
-    return level and bool(scene.feed.gas_velocity < saltation_velocity(scene))
+    rizk = saltation_velocity(scene, scene.model.solids, _solids_flow(scene))
+    return bool(scene.feed.gas_velocity < rizk)
 
 
-def lifts(scene: Any) -> bool:
-    """Whether the eddies of the gas lift its grains, by Rouse."""
-    return bool(scene.reynolds > TURBULENT and rouse_number(scene) < SETTLED)
+def lifts(scene: Any, grains: Any) -> bool:
+    """Whether the eddies of the gas lift grains, by Rouse."""
+    return bool(scene.reynolds > TURBULENT and rouse_number(scene, grains) < SETTLED)
 
 
-def _of_settling(scene: Any) -> Iterator[Derived]:
+def _solids_flow(scene: Any) -> float:
+    """Mass flow of the solids, about, where their hold-up is given [kg/s]."""
+    return float(scene.model.solids.density * solids_flux(scene) * scene.geometry.area)
+
+
+def _of_settling(scene: Any, blamed: bool) -> Iterator[Derived]:
     """Whether grains stay up; told, not doubted: beds are what the model is for."""
-    gas, solids, feed = scene.model.gas, scene.model.solids, scene.feed
-    falling, doubt = terminal_velocity(gas, solids, feed.gravity), ""
-    against = falling * math.sin(math.radians(scene.geometry.inclination_deg))
-    if abs(scene.geometry.inclination_deg) > STEEP and feed.gas_velocity < against:
-        doubt = (
-            f"the gas rises at {feed.gas_velocity:g} m/s, more slowly than a grain falls: it lifts"
-            " none but a dense plug"
-        )
-    yield Derived("terminal velocity of a grain", falling, "m/s", doubt)
-    if abs(scene.geometry.inclination_deg) > STEEP:
-        yield _of_clusters(scene, falling)
+    solids = scene.model.solids
+    falling = of_falling(scene, solids)
+    yield falling
+    if is_steep(scene):
+        yield _of_clusters(scene, falling.value, blamed)
         return
     if scene.reynolds > TURBULENT:
-        rouse = rouse_number(scene)
+        rouse = rouse_number(scene, solids)
         words = "between"
         if not SUSPENDED <= rouse <= SETTLED:
             words = "suspended" if rouse < SUSPENDED else "settles or bounces"
         yield Derived("Rouse number", rouse, f"({words})")
-    rizk = saltation_velocity(scene)
-    words = "above: no bed is to be expected"
-    if feed.gas_velocity < rizk:
-        words = "below: a bed is to be expected"
-    yield Derived("saltation velocity by Rizk", rizk, f"m/s (the gas is {words})")
+    yield of_saltation(scene, solids, _solids_flow(scene))
 
 
-def _of_clusters(scene: Any, falling: float) -> Derived:
+def _of_clusters(scene: Any, falling: float, blamed: bool) -> Derived:
     """Whether grains of a rising line move in clusters, which a steady section averages over."""
-    width = scene.geometry.hydraulic_diameter
-    size = scene.feed.gravity * width / falling**2 if falling > 0 else math.inf
-    doubt, uniform = "", not scene.model.drag.filtered
-    if size > CLUSTERED and loading(scene) > CLUSTER_LOADING and uniform:
+    width, square = scene.geometry.hydraulic_diameter, falling * falling
+    size = scene.feed.gravity * width / square if square > 0 else math.inf
+    doubt, certain = "", not blamed and not scene.model.drag.filtered
+    if size > CLUSTERED and loading(scene) > CLUSTER_LOADING and certain:
         doubt = (
             "such grains rise in clusters, which are not resolved: slip and hold-up come out too"
             " small with the drag of a uniform suspension; closures.drag = 'igci' accounts for them"
@@ -217,20 +135,35 @@ def _of_clusters(scene: Any, falling: float) -> Derived:
     return Derived("diameter over the length to reach terminal velocity", size, "", doubt)
 
 
-def _of_the_drop(scene: Any, flux: float) -> Iterator[Derived]:
-    """The drop by correlations over the absolute pressure, where something tells that.
+def _of_the_drop(scene: Any, blamed: bool) -> Iterator[Derived]:
+    """The drop by correlations over the absolute pressure at the outlet.
 
     Friction of the gas alone, Konno and Saito's 0.057 G sqrt(g/D) of the solids, and lift.
+
+    blamed : whether another number is doubted, from which the drop follows
     """
     gas, feed, geometry = scene.model.gas, scene.feed, scene.geometry
-    pressure = feed.outlet_pressure or gas.pressure
-    if pressure is None or scene.reynolds < TURBULENT:
+    if scene.reynolds < TURBULENT:
         return
+    flux = 0.0 if scene.model.solids is None else scene.model.solids.density * solids_flux(scene)
+    pressure, guessed = absolute_pressure(scene)
+    pressure = feed.outlet_pressure or pressure
     rise = math.sin(math.radians(geometry.inclination_deg))
     gradient = sum(friction_estimate(scene, flux))
     gradient += feed.gravity * rise * (gas.density + flux / feed.gas_velocity)
-    share = abs(gradient) * geometry.length / pressure
-    yield Derived("pressure drop by correlations over the pressure", share, "")
+    share, doubt = abs(gradient) * geometry.length / pressure, ""
+    if share > LARGEST_DROP and not gas.compressible and not blamed:
+        doubt = (
+            f"a gas of one density has no answer above {LARGEST_DROP:g}; shorten the line, or solve"
+            " it in parts"
+        )
+        if pressure < LEAST_OUTLET:
+            doubt = f"is operation.outlet_pressure = {pressure:g} in Pa, not in bar?"
+    name, unit = (
+        "pressure drop by correlations over the pressure",
+        f"({guessed})" if guessed else "",
+    )
+    yield Derived(name, share, unit, doubt)
 
 
 def friction_estimate(scene: Any, flux: float) -> tuple[float, float]:
@@ -259,9 +192,8 @@ def estimates(scene: Any, found: Mapping[str, float]) -> list[str]:
         f" answer {_friction(scene, found):.3g} Pa/m"
         f"{_outside(solids.diameter, KONNO_SAITO_GRAINS, found['holdup'])}"
     )
-    if abs(scene.geometry.inclination_deg) <= STEEP:
-        width = scene.geometry.hydraulic_diameter
-        rizk = rizk_velocity(flow, width, scene.model.gas, solids, feed.gravity)
+    if not is_steep(scene):
+        rizk = saltation_velocity(scene, solids, flow)
         said.append(
             f"grains begin to settle below {rizk:.3g} m/s by Rizk; gas {feed.gas_velocity:g} m/s"
             f"{_outside(solids.diameter, RIZK_GRAINS, found['holdup'])}"
@@ -281,7 +213,7 @@ def out_of_range(scene: Any, found: Mapping[str, float]) -> list[str]:
     if LEAST_FRICTION * expected <= got <= expected / LEAST_FRICTION:
         return []
     cure, model = "", scene.model
-    level = abs(scene.geometry.inclination_deg) <= STEEP
+    level = not is_steep(scene)
     # it acts by its heat, in level lines
     if got < expected and level and model.solids_wall.flat and model.theta == "transport":
         cure = "; walls.solids = 'rough' throws grains off the wall and brings such lines nearer"

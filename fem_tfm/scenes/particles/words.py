@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,9 @@ from fem_tfm.cloud import Cloud, Material
 from fem_tfm.errors import InputError
 from fem_tfm.materials import Solids
 from fem_tfm.models.particles.tracker import drag_factor
+from fem_tfm.scenes.judged.gas import Derived
+from fem_tfm.scenes.judged.grains import is_steep, of_falling, of_saltation, of_the_grains
+from fem_tfm.scenes.judged.plausible import lifts
 
 # above this loading the gas feels the particles
 ONE_WAY_LOADING = 0.05
@@ -122,6 +127,34 @@ def advice(scene: Any) -> list[str]:
             " point are needed, 2000 a point are good"
         )
     return said
+
+
+def derived(scene: Any, blamed: bool) -> list[Derived]:
+    """Numbers of the materials, and what they give away.
+
+    blamed : whether the gas is doubted
+    """
+    found = []
+    for at, material in enumerate(scene.particles.materials):
+        numbers = _of_a_material(scene, material, at, blamed)
+        found += [replace(one, name=f"{material.name}: {one.name}") for one in numbers]
+    return found
+
+
+def _of_a_material(scene: Any, material: Material, at: int, blamed: bool) -> Iterator[Derived]:
+    """What a grain of a material gives away; parcels form no bed."""
+    grains = Solids(material.density, material.diameter)
+    yield from of_the_grains(scene, grains, f"particles.materials[{at}]", blamed)
+    if "gravity" not in scene.particles.forces or not scene.feed.gravity > 0:
+        return
+    yield of_falling(scene, grains)
+    if not is_steep(scene):
+        doubt = (
+            "parcels form no bed: what would settle is carried on; flow = 'dense' with [solids]"
+            " solves beds"
+        )
+        flow = scene.particles.mass_flow(material, gas_flow(scene))
+        yield of_saltation(scene, grains, flow, "" if lifts(scene, grains) else doubt)
 
 
 def _meetings(scene: Any) -> list[str]:

@@ -13,6 +13,7 @@ import numpy as np
 from mpi4py import MPI
 
 from fem_tfm import signals
+from fem_tfm.closures.permeability import ErgunPermeability
 from fem_tfm.errors import InputError
 from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.geometry.shapes import Bend, Duct, Pipe
@@ -24,6 +25,8 @@ from fem_tfm.models.slug.tube import Conveying, Count, SlugTube, Steps, checked_
 from fem_tfm.output.result import unit_of
 from fem_tfm.output.slug.files import FILES
 from fem_tfm.parameters import Parameters, parameter
+from fem_tfm.scenes.judged.gas import Derived, is_doubted, of_the_gas
+from fem_tfm.scenes.judged.grains import of_the_grains
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.physics import Physics
 from fem_tfm.scenes.recorder import Setting
@@ -38,6 +41,8 @@ STRETCH = (0.38, 0.86)
 OUTPUTS = 20
 # how much wider a mesh may average than is asked for, and the most cells across that are proposed
 COARSE, FINEST = 1.25, 20
+# porosity of a packed bed, and how much more it may resist by Ergun
+PACKED, TOO_WEAK = 0.4, 2.0
 # share of the samples with a filled tube that is told
 FULL = 0.1
 # most triangles of a wall
@@ -146,7 +151,7 @@ class Slug(Scene[Physics, TubeRecorder]):
         self._check_wall()
         # what does not fit is refused before anything is written
         checked_feed(self.geometry, self.model.solids, self.feed, self.numerics)
-        self.count(self.numerics.cells_across)
+        assert self.extent.nodes > 0
 
     def _check_wall(self) -> None:
         """The triangles of the wall belong to a law of wear, and are not too many."""
@@ -333,6 +338,33 @@ class Slug(Scene[Physics, TubeRecorder]):
             left_out.append("inertial resistance of the bed: closures.permeability")
         return left_out
 
+    def derived(self) -> list[Derived]:
+        """Numbers of gas and grains, and what they give away."""
+        found = [*of_the_gas(self)]
+        blamed = is_doubted(found)
+        found += of_the_grains(self, self.model.solids, "solids", blamed)
+        return [*found, self._inertia(any(number.doubt for number in found))]
+
+    def _inertia(self, blamed: bool) -> Derived:
+        """Whether the gas is too fast for a law of resistance without inertia, by Ergun's.
+
+        blamed : whether another number is doubted, from which this follows
+        """
+        gas, diameter, speed = self.model.gas, self.model.solids.diameter, self.feed.gas_velocity
+        reynolds, doubt = gas.density * speed * diameter / gas.viscosity, ""
+        (a, b), (viscous, inertial) = (
+            law.resistance(PACKED, gas, diameter) for law in (gas.permeability, ErgunPermeability())
+        )
+        factor = (viscous + inertial * speed) / (a + b * speed)
+        if factor > TOO_WEAK and not blamed:
+            doubt = (
+                f"a packed bed resists such a gas {factor:.2g} times as much by Ergun as by"
+                f" closures.permeability = {gas.permeability.name!r}, which is for small Reynolds"
+                " numbers; 'ergun' has the inertial part, so that the pressure drop is not too"
+                " small"
+            )
+        return Derived("Reynolds number of a grain in the gas", reynolds, "", doubt)
+
     def advice(self) -> list[str]:
         """What the user probably did not mean, one sentence each."""
         said, numerics = [], self.numerics
@@ -393,6 +425,7 @@ class Slug(Scene[Physics, TubeRecorder]):
             ],
             "skipped": self.left_out(),
             "inferred": list(self.inferred) or "nothing",
+            "numbers": self.numbers() or "none",
             "warnings": self.warnings() or "none",
             "meshes": f"{extent.nodes} nodes of the pressure",
             "steps": (

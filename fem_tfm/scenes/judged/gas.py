@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: LGPL-3.0-or-later
+"""Numbers of the gas of any scene, and what they give away: slips of units, laws out of range."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from fem_tfm.correlations import friction_velocity, sound_speed
+from fem_tfm.materials import SPECIES
+
+# bounds outside of which a number was hardly meant: densities [kg/m3], temperature [K], viscosities
+# of gases [Pa s], length over diameter, and the density over that of air of the same pressure
+THIN_GAS, HEAVY_GAS, COLD_GAS, SHORTEST_LINE = 0.02, 200.0, 150.0, 1.0
+GAS_VISCOSITY, LIKE_AIR = (5e-6, 1e-4), (0.05, 20.0)
+# velocity of the gas over that of sound up to which it keeps its density
+LARGEST_MACH = 0.3
+# Reynolds number below which nothing is turbulent, and the least of a turbulent gas
+SLOWEST, TURBULENT = 50.0, 4000.0
+# loading from which the solids decide on the friction of a line, not the gas
+SOLIDS_DECIDE = 1.0
+DENSITY, VISCOSITY = "gas density", "gas viscosity"
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A number that follows from a scene.
+
+    doubt : the slip that it gives away, empty where there is none
+    """
+
+    name: str
+    value: float
+    unit: str
+    doubt: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.name} {self.value:.4g} {self.unit}".rstrip()
+
+
+def doubts(numbers: Iterable[Derived]) -> list[str]:
+    """What a user probably did not mean, with the number that gives it away."""
+    return [f"{number}: {number.doubt}" for number in numbers if number.doubt]
+
+
+def is_doubted(numbers: Iterable[Derived]) -> bool:
+    """Whether density or viscosity of the gas are doubted, from which other numbers follow."""
+    return any(one.doubt for one in numbers if one.name in (DENSITY, VISCOSITY))
+
+
+def loading(scene: Any) -> float:
+    """Mass flow of the solids over that of the gas [-]; 0 of a gas alone."""
+    if scene.solids_feed is None:
+        return 0.0
+    mass = scene.model.solids.density * solids_flux(scene)
+    return float(mass / (scene.model.gas.density * scene.feed.gas_velocity))
+
+
+def solids_flux(scene: Any) -> float:
+    """Superficial velocity of the solids, about, where their hold-up is given [m/s]."""
+    if scene.solids_feed is None:
+        return 0.0
+    kind, value = scene.solids_feed
+    return float(value if kind == "flux" else value * scene.feed.gas_velocity)
+
+
+def air_pressure(gas: Any) -> float:
+    """Pressure rho R T of air of the density and temperature of a gas [Pa]."""
+    return float(gas.density * SPECIES["air"].gas_constant * gas.temperature)
+
+
+def absolute_pressure(scene: Any) -> tuple[float, str]:
+    """Absolute pressure at which the gas has its density [Pa], and words where it is guessed.
+
+    That of the gas or of the outlet; where the case has none, that of air of this density.
+    """
+    gas, feed = scene.model.gas, scene.feed
+    known = gas.pressure or feed.outlet_pressure
+    if known is not None:
+        return float(known), ""
+    return air_pressure(gas), "that of air of this density"
+
+
+def of_the_gas(scene: Any) -> Iterator[Derived]:
+    """The numbers of the gas of a scene; a cause is named once.
+
+    The model has a gas of density, viscosity and pressure, and tells from which Reynolds number on
+    its laws of turbulence hold.
+    """
+    gas = scene.model.gas
+    density = Derived(DENSITY, gas.density, "kg/m3", _doubt_of_density(gas))
+    yield density
+    viscosity, (low, high) = Derived(VISCOSITY, gas.viscosity, "Pa s"), GAS_VISCOSITY
+    if not low <= gas.viscosity <= high:
+        doubt = f"gases have {low:g} to {high:g}; is gas.viscosity in Pa s, not in cP?"
+        viscosity = replace(viscosity, doubt=doubt)
+    yield viscosity
+    width, doubt = scene.geometry.hydraulic_diameter, ""
+    ratio = scene.geometry.length / width
+    if ratio < SHORTEST_LINE:
+        doubt = f"the line is wider than long; is its diameter of {width:g} m in metres?"
+    yield Derived("length over diameter", ratio, "", doubt)
+    yield from _of_the_speed(scene, is_doubted((density, viscosity)))
+
+
+def _doubt_of_density(gas: Any) -> str:
+    """Whether a density was hardly meant, or does not belong to the pressure beside it."""
+    stated, (low, high) = gas.pressure, LIKE_AIR
+    if stated is not None and not low <= air_pressure(gas) / stated <= high:
+        return f"no gas has it at an absolute pressure of {stated:g} Pa; is that in Pa, not in bar?"
+    if gas.density < THIN_GAS:
+        doubt = "next to a vacuum"
+        if gas.pressure is not None:
+            doubt += f"; is gas.pressure = {gas.pressure:g} in Pa, not in bar?"
+        return doubt
+    if gas.pressure is not None and gas.temperature < COLD_GAS:
+        return f"is gas.temperature = {gas.temperature:g} in K, not in degrees Celsius?"
+    if gas.density > HEAVY_GAS:
+        return "that of a liquid; is the density or pressure of the gas in SI units?"
+    return ""
+
+
+def _of_the_speed(scene: Any, blamed: bool) -> Iterator[Derived]:
+    """Reynolds number, Mach number and y+.
+
+    blamed : whether density or viscosity are doubted, from which these follow
+    """
+    gas, width, speed = scene.model.gas, scene.geometry.hydraulic_diameter, scene.feed.gas_velocity
+    reynolds, doubt = scene.reynolds, ""
+    least, cure = scene.model.turbulent_from
+    if reynolds < least and not blamed:
+        if reynolds < SLOWEST:
+            doubt = f"nothing is turbulent there; are gas and line in SI units? Else {cure}"
+        elif loading(scene) < SOLIDS_DECIDE:
+            doubt = cure
+    yield Derived("Reynolds number of the gas", reynolds, "", doubt)
+    mach, doubt = speed / sound_speed(gas), ""
+    if mach > LARGEST_MACH and not blamed:
+        doubt = (
+            "its motion alone changes the density of the gas;"
+            f" is operation.gas_superficial_velocity = {speed:g} in m/s, not in km/h?"
+        )
+    yield Derived("gas velocity over that of sound", mach, "", doubt)
+    if reynolds > TURBULENT and scene.wall_offset > 0:
+        nu = gas.viscosity / gas.density
+        y_plus = scene.wall_offset * friction_velocity(speed, width, nu) / nu
+        yield Derived("wall distance y+", y_plus, "")
