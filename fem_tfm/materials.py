@@ -79,9 +79,9 @@ class Gas(Parameters):
     ideal, and a density that is not p/(R T) of one that is.
     """
 
-    density: float = parameter(MISSING, "kg/m3", "density", ge=1e-9, le=2000)
+    density: float = parameter(MISSING, "kg/m3", "density", ge=1e-15, le=2000)
     viscosity: float = parameter(
-        MISSING, "Pa s", "dynamic viscosity, default that of the species", ge=1e-12, le=1
+        MISSING, "Pa s", "dynamic viscosity, default that of the species", ge=1e-25, le=1
     )
     pressure: float | None = parameter(
         None, "Pa", "absolute pressure of an ideal gas", ge=0.01, le=1e9
@@ -222,7 +222,7 @@ class Solids(Parameters):
     """
 
     density: float = parameter(MISSING, "kg/m3", "density of the particle", ge=1e-3, le=25000)
-    diameter: float = parameter(MISSING, "m", "diameter of the particle", ge=1e-9, le=0.1)
+    diameter: float = parameter(MISSING, "m", "diameter of the particle", ge=1e-10, le=0.1)
     restitution: float = parameter(0.7, "-", "particle-particle restitution", gt=0, le=1)
     packing_limit: float = parameter(0.63, "-", "largest solids fraction", gt=0, lt=0.7406)
     friction_limit: float = parameter(

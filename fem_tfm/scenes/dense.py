@@ -71,7 +71,7 @@ COMPILE_TIME, COMPILE_TIME_PER_SCALE = 15, 11
 # how much more a level line below Rizk's saltation velocity takes, measured on pulverised coal and
 # on the line of the README: it starts several times; and once more, measured on cement and alumina,
 # where eddies lift such grains: meshes disagree and finer ones follow
-BED_FACTOR, LIFTED_FACTOR = 5, 4
+BED_FACTOR, LIFTED_FACTOR = 10, 3
 
 
 def with_wall_cell(physics: Physics) -> Resolution:

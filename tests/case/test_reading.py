@@ -260,7 +260,7 @@ BAD = [
     ("geometry.length", 0.0, "above 0"),
     ("geometry.inclination_deg", 90.1, "at most 90 [deg]"),
     ("geometry.inclination_deg", -91, "at least -90"),
-    ("gas.density", -1.0, "at least 1e-09 and at most 2000 [kg/m3]"),
+    ("gas.density", -1.0, "at least 1e-15 and at most 2000 [kg/m3]"),
     ("gas.viscosity", 0.0, "[Pa s]"),
     ("gas.temperature", 0.0, "[K]"),
     ("solids.density", 30000.0, "at most 25000"),
