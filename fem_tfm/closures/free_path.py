@@ -11,7 +11,6 @@ temperature [m2/s2], mu viscosity [Pa s] and kappa conductivity [kg/m/s] of the 
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -32,7 +31,6 @@ class FreePath(Closure):
 
     absent: ClassVar[bool] = False
 
-    @abstractmethod
     def coefficients(
         self,
         theory: Granular,
@@ -43,11 +41,15 @@ class FreePath(Closure):
         solids: Solids,
         length: Value,
     ) -> Kinetic:
-        """Those of a kinetic theory, of grains in a gas.
+        """Coefficients of the kinetic theory of grains in a gas, in the units of `Kinetic`.
 
+        Those of the theory itself, unless a law limits them.
+
+        alpha_s [-], theta [m2/s2], g0 [-] : fields of one shape, or UFL expressions
         beta : drag coefficient [kg/m3/s]
         length : pipe diameter [m], as for the theory
         """
+        return theory.coefficients(alpha_s, theta, g0, solids, length)
 
 
 @register("free-path", "none")
@@ -62,19 +64,6 @@ class Unlimited(FreePath):
     """
 
     absent: ClassVar[bool] = True
-
-    def coefficients(
-        self,
-        theory: Granular,
-        alpha_s: Value,
-        theta: Value,
-        g0: Value,
-        beta: Value,
-        solids: Solids,
-        length: Value,
-    ) -> Kinetic:
-        """Those of the theory; beta does not count."""
-        return theory.coefficients(alpha_s, theta, g0, solids, length)
 
 
 @register("free-path", "agrawal")
@@ -111,7 +100,7 @@ class Agrawal(FreePath):
         length: Value,
     ) -> Kinetic:
         """Those of the theory, with what flights carry held back by the drag."""
-        found = theory.coefficients(alpha_s, theta, g0, solids, length)
+        found = super().coefficients(theory, alpha_s, theta, g0, beta, solids, length)
         viscosity, conductivity = theory.dilute(alpha_s, theta, solids, length)
         held = (alpha_s * solids.density) ** 2 * g0 * theta
 
