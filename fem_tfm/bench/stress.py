@@ -214,6 +214,7 @@ def solve(case: Case, number: int = 0) -> Outcome:
         if answer.errors["pressure_gradient"] is not None:
             error_estimate = answer.errors["pressure_gradient"]
         answer.close()
+        case.scene.judge(answer)
     except SolverError as error:
         reason = str(error)
     except (ArithmeticError, RuntimeError, ValueError) as error:
@@ -237,9 +238,10 @@ def solve_all(chosen: Iterable[Case], total: int) -> Iterator[Outcome]:
         outcome = solve(case, number)
         ended = f"G {outcome.gradient:.5g} Pa/m" if outcome.converged else "FAILED"
         terms = outcome.mesh_terms
+        if outcome.converged:
+            ended += f" +- {outcome.error:.2g}"
         if terms.raised:
-            ended += f" +- {outcome.error:.2g}, mesh terms x{terms.strength:g}"
-            ended += f", rate x{terms.rate:.3g}"
+            ended += f", mesh terms x{terms.strength:g}, rate x{terms.rate:.3g}"
         _tell(
             f"{number:4d}/{total}  {ended:<20} {outcome.factorisations:5d} factorisations "
             f"{outcome.cpu_seconds:6.1f} CPU s"

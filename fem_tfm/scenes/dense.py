@@ -39,6 +39,8 @@ COARSEST = 0.25
 # regularisations in units of U_g and D; docs/dense_section.md has their effect on the gradient
 ALPHA_DIFFUSION, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 0.1, 1e-8
 WALL_PENALTY, SMOOTHING, SMALLEST_RATE = 200.0, 0.05, 1e-4
+# hold-up below which the diffusion of voids falls: there it would flatten what eddies spread
+DILUTE = 1e-2
 # a state that breaks a balance by more is no answer
 BALANCE_ERROR = 1e-6
 # and one whose gradient the raised terms of the mesh change by a larger share is none either
@@ -85,16 +87,21 @@ def with_wall_cell(physics: Physics) -> Resolution:
 def setup_of(scene: Any) -> Setup:
     """Numbers of the section that a scene describes."""
     model, speed, width = scene.model, scene.feed.gas_velocity, scene.geometry.hydraulic_diameter
-    given, diffusion = model.section_terms, model.section_terms.alpha_diffusion
+    given, diffusion, share = (
+        model.section_terms,
+        model.section_terms.alpha_diffusion,
+        spread(scene),
+    )
     numerics = Stabilisation.scaled(
         speed,
         width,
         model.solids,
         given.theta_floor,
         model.grain_gap * (model.solids.diameter if model.solids else 0.0),
-        alpha_diffusion=ALPHA_DIFFUSION * speed * width if diffusion is None else diffusion,
+        alpha_diffusion=share * ALPHA_DIFFUSION * speed * width if diffusion is None else diffusion,
         capture=given.capture,
         damping=given.damping,
+        smallest_front_rate=share * SMALLEST_RATE * speed / width,
         smallest_rate=SMALLEST_RATE * speed / width,
         wall_penalty=WALL_PENALTY,
         wall_speed=WALL_SPEED * speed,
@@ -111,6 +118,20 @@ def setup_of(scene: Any) -> Setup:
         feed=scene.solids_feed,
         quadrature_degree=scene.numerics.quadrature_degree,
     )
+
+
+def spread(scene: Any) -> float:
+    """Share h/(h + 0.01) of the diffusion of voids that a flow of hold-up h has [-].
+
+    Of a given flux h is the hold-up without slip, j_s/(j_s + U_g). Diffusion that kept less where
+    alpha_s is less would let voids beside a bed fall to 1e-38, where u_s is that of nothing and
+    has no steady state.
+    """
+    if scene.solids_feed is None:
+        return 1.0
+    kind, value = scene.solids_feed
+    holdup = value if kind == "holdup" else value / (value + scene.feed.gas_velocity)
+    return holdup / (holdup + DILUTE)
 
 
 SCHEME = nested.Scheme(

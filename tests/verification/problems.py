@@ -140,6 +140,7 @@ def plain_numerics(**changes: float) -> Stabilisation:
         "alpha_diffusion": 0.1,
         "capture": 2.0,
         "damping": 3.0,
+        "smallest_front_rate": 0.15,
         "smallest_rate": 0.1,
         "theta_floor": 0.01,
         "slip_floor": 0.1,

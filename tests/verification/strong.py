@@ -38,6 +38,11 @@ def gradient(f: Field, x: np.ndarray) -> np.ndarray:
     return np.stack([*across, np.zeros_like(across[0])], axis=-2)
 
 
+def bounded(square: np.ndarray, least: float) -> np.ndarray:
+    """Root of the square of a rate."""
+    return np.sqrt(square + least**2)
+
+
 def divergence(flux: Field, x: np.ndarray) -> np.ndarray:
     """d flux_j/dx_j of a field of shape (..., 3, n)."""
     return sum(derivative(lambda p, j=j: flux(p)[..., j, :], x, j) for j in range(2))
@@ -127,11 +132,7 @@ class Strong:
     def grid(self, u: Field, x: np.ndarray) -> np.ndarray:
         """Kinematic viscosity of the mesh."""
         across = (gradient(u, x)[:2, :2] ** 2).sum((0, 1))
-        return self.numerics.damping * self.cell_area * self.bounded(across)
-
-    def bounded(self, square: np.ndarray, fade: np.ndarray | float = 1.0) -> np.ndarray:
-        """Root of the square of a rate."""
-        return np.sqrt(square + (fade * self.numerics.smallest_rate) ** 2)
+        return self.numerics.damping * self.cell_area * bounded(across, self.numerics.smallest_rate)
 
     def gas_viscosity(self, s: Exact, x: np.ndarray) -> np.ndarray:
         """Molecular and turbulent viscosity, and that of the mesh."""
@@ -154,9 +155,9 @@ class Strong:
     def numerical(self, s: Exact, x: np.ndarray) -> np.ndarray:
         """Diffusion of logit(alpha_s), with the share of the mesh."""
         rate = divergence(lambda p: self.alpha(s, p) * s.u_s(p), x)
-        fade = self.alpha(s, x) / (self.alpha(s, x) + 0.01)
-        capture = self.numerics.capture * self.cell_area * self.bounded(rate**2, fade)
-        return -(fade * self.numerics.alpha_diffusion + capture) * gradient(s.q, x)
+        speed = bounded(rate**2, self.numerics.smallest_front_rate)
+        capture = self.numerics.capture * self.cell_area * speed
+        return -(self.numerics.alpha_diffusion + capture) * gradient(s.q, x)
 
     def solids_volume(self, s: Exact, x: np.ndarray) -> np.ndarray:
         """Volume flux of the solids."""

@@ -48,14 +48,13 @@ from fem_tfm.models.pointwise import (
 class Stabilisation(Regularisation):
     """Regularisation of the laws at a point, and what the finite elements need beside it.
 
-    alpha_diffusion : diffusion of logit(alpha_s) [m2/s] times alpha_s/(alpha_s + 0.01); a
-        mass-conserving diffusion D = alpha_diffusion/[(alpha_s + 0.01) (1 - alpha_s/alpha_max)]
-        that keeps voids bounded and leaves a dilute suspension to its eddies
+    alpha_diffusion : diffusion of logit(alpha_s) [m2/s], which conserves mass: alpha_s diffuses by
+        alpha_diffusion/[alpha_s (1 - alpha_s/alpha_max)], so that voids stay bounded
     capture : C of a further diffusion C h^2 |div(alpha_s u_s)| of logit(alpha_s) [-]; it is there
         where the mesh of cells h fails to carry a front, and vanishes with h^4
     damping : C of a viscosity C h^2 |grad u_perp| of the secondary flow [-]; it bounds the Reynolds
         number of a cell where the phase itself has next to no viscosity, and vanishes with h^2
-    smallest_rate : added in quadrature to the rates of both [1/s]
+    smallest_front_rate, smallest_rate : added in quadrature to the rates of both [1/s]
     wall_penalty : factor of the weak condition u.n = 0 [-]
     wall_speed : speed of the inertial share of that condition [m/s]
     pressure_shift : compressibility that fixes the mean of p at zero [m s/kg]
@@ -68,6 +67,7 @@ class Stabilisation(Regularisation):
     alpha_diffusion: Any
     capture: Any
     damping: Any
+    smallest_front_rate: Any
     smallest_rate: Any
     wall_penalty: Any
     wall_speed: Any
@@ -146,10 +146,13 @@ class Solid(SolidsCoefficients):
         return bulk * ufl.Identity(3) + 2 * self.viscosity * self.strain
 
 
-# solids fraction below which the diffusion of the logit fades
-DILUTE = 1e-2
 # unit vector downstream
 AXIAL = ufl.as_vector((0.0, 0.0, 1.0))
+
+
+def bounded(square: Expr, least: Any) -> Expr:
+    """Root of the square of a rate, kept off zero where its slope is infinite [1/s]."""
+    return ufl.sqrt(square + least**2)
 
 
 def deviatoric_strain(rate: Expr) -> Expr:
@@ -298,29 +301,22 @@ class TwoFluidForms:
     def numerical_flux(self, state: State) -> Expr:
         """Volume flux of the solids by the diffusion of q [m/s].
 
-        -(alpha_diffusion alpha_s/(alpha_s + 0.01) + capture h^2 |div(alpha_s u_s)|) grad q
-
-        The least rate of the second term fades with alpha_s as the first does.
+        -(alpha_diffusion + capture h^2 |div(alpha_s u_s)|) grad q
         """
         alpha = self.alpha(state)
         rate = ufl.inner(self.axis.gradient(alpha), state.u_s)
         rate += alpha * ufl.tr(self.axis.jacobian(state.u_s))
         rate += self.axis.change(lambda s: self.alpha(s) * s.u_s[2], state)
-        # what a void needs would hide the profile of a dilute suspension
-        fade = alpha / (alpha + DILUTE)
-        capture = self.numerics.capture * self.domain.cell_area * self.bounded(rate**2, fade)
-        floor = fade * self.numerics.alpha_diffusion
-        return -(floor + capture) * self.axis.gradient(state.q)
+        speed = bounded(rate**2, self.numerics.smallest_front_rate)
+        capture = self.numerics.capture * self.domain.cell_area * speed
+        return -(self.numerics.alpha_diffusion + capture) * self.axis.gradient(state.q)
 
     def grid_viscosity(self, u: Expr) -> Expr:
         """Kinematic viscosity damping h^2 |grad u_perp| of the mesh [m2/s]."""
         rate = self.axis.jacobian(u)
         across = sum(rate[i, j] ** 2 for i in range(2) for j in range(2))
-        return self.numerics.damping * self.domain.cell_area * self.bounded(across)
-
-    def bounded(self, square: Expr, fade: Expr | float = 1.0) -> Expr:
-        """Root of the square of a rate, kept off zero where its slope is infinite [1/s]."""
-        return ufl.sqrt(square + (fade * self.numerics.smallest_rate) ** 2)
+        speed = bounded(across, self.numerics.smallest_rate)
+        return self.numerics.damping * self.domain.cell_area * speed
 
     # -- balances ------------------------------------------------------------------------------
 

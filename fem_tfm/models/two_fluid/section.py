@@ -152,6 +152,7 @@ class TwoFluidSection(section.Section):
         held.capture.value = terms.strength * given.capture
         held.damping.value = terms.strength * given.damping
         held.smallest_rate.value = terms.rate * given.smallest_rate
+        held.smallest_front_rate.value = terms.rate * given.smallest_front_rate
         self.mesh_terms = terms
 
     def _domain(self) -> Domain:
