@@ -131,7 +131,7 @@ def spread(scene: Any) -> float:
         return 1.0
     kind, value = scene.solids_feed
     holdup = value if kind == "holdup" else value / (value + scene.feed.gas_velocity)
-    return holdup / (holdup + DILUTE)
+    return float(holdup / (holdup + DILUTE))
 
 
 SCHEME = nested.Scheme(
