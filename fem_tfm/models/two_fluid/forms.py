@@ -155,6 +155,11 @@ def bounded(square: Expr, least: Any) -> Expr:
     return ufl.sqrt(square + least**2)
 
 
+def over_speed(source: Expr, c: Expr, theta: Expr) -> Expr:
+    """A source of granular energy over the fluctuation speed, a gain over |c| and a loss over c."""
+    return ufl.conditional(ufl.gt(source, 0), source / ufl.sqrt(theta), source * c / theta)
+
+
 def deviatoric_strain(rate: Expr) -> Expr:
     """S = dev(sym(grad u)), shape (3, 3) [1/s]."""
     return ufl.sym(rate) - ufl.tr(rate) / 3 * ufl.Identity(3)
@@ -412,7 +417,8 @@ class TwoFluidForms:
         Production by shear is proportional to c, so that nothing of it is singular at c = 0, where
         it pushes c up. That by slip is not: it tends to beta u^2, and to beta u^2/c here, which
         `theta_floor` alone bounds. Where Theta falls by decades within a cell the discrete c may
-        dip below zero, and the solution stays bounded.
+        dip below zero. There a gain still pushes c up, and a loss towards zero: a loss proportional
+        to Theta over |c| would drive a negative c away from it without bound.
         """
         solid, c = self.solid(now), now.c
         slope, speed = self.axis.gradient(c), ufl.sqrt(solid.theta)
@@ -428,12 +434,13 @@ class TwoFluidForms:
         carried = idt * solid.alpha * (c - old.c) + ufl.inner(flux, slope)
         carried += solid.alpha * now.u_s[2] * self.axis.change(lambda s: s.c, now)
         spread = 2 * solid.kinetic.conductivity
-        gain = energy.production - energy.compression + spread * ufl.inner(slope, slope)
+        gain = (energy.production + spread * ufl.inner(slope, slope)) / speed
+        gain += over_speed(-energy.compression, c, solid.theta)
         heat = self.at_point.solids_wall_heat(self.wall_state(now, solid))
         return (
-            (3 * self.at_point.grain.density * carried + energy.decay * c - gain / speed) * w
+            (3 * self.at_point.grain.density * carried + energy.decay * c - gain) * w
             + ufl.inner(spread * slope, self.axis.gradient(w))
-        ) * self.domain.dx - heat / speed * w * self.domain.ds_wall
+        ) * self.domain.dx - over_speed(heat, c, solid.theta) * w * self.domain.ds_wall
 
     def energy(self, state: State, solid: Solid) -> GranularEnergy:
         """Sources of the granular energy."""
