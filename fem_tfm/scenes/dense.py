@@ -41,6 +41,8 @@ ALPHA_DIFFUSION, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 0.1, 1e-8
 WALL_PENALTY, SMOOTHING, SMALLEST_RATE = 200.0, 0.05, 1e-4
 # hold-up below which the diffusion of voids falls: there it would flatten what eddies spread
 DILUTE = 1e-2
+# solids fraction of a void over the hold-up
+VOID = 1e-3
 # a state that breaks a balance by more is no answer
 BALANCE_ERROR = 1e-6
 # and one whose gradient the raised terms of the mesh change by a larger share is none either
@@ -87,11 +89,9 @@ def with_wall_cell(physics: Physics) -> Resolution:
 def setup_of(scene: Any) -> Setup:
     """Numbers of the section that a scene describes."""
     model, speed, width = scene.model, scene.feed.gas_velocity, scene.geometry.hydraulic_diameter
-    given, diffusion, share = (
-        model.section_terms,
-        model.section_terms.alpha_diffusion,
-        spread(scene),
-    )
+    given, diffusion = model.section_terms, model.section_terms.alpha_diffusion
+    holdup = likely_holdup(scene)
+    share = holdup / (holdup + DILUTE)
     numerics = Stabilisation.scaled(
         speed,
         width,
@@ -101,6 +101,7 @@ def setup_of(scene: Any) -> Setup:
         alpha_diffusion=share * ALPHA_DIFFUSION * speed * width if diffusion is None else diffusion,
         capture=given.capture,
         damping=given.damping,
+        void_fraction=VOID * holdup,
         smallest_front_rate=share * SMALLEST_RATE * speed / width,
         smallest_rate=SMALLEST_RATE * speed / width,
         wall_penalty=WALL_PENALTY,
@@ -120,18 +121,12 @@ def setup_of(scene: Any) -> Setup:
     )
 
 
-def spread(scene: Any) -> float:
-    """Share h/(h + 0.01) of the diffusion of voids that a flow of hold-up h has [-].
-
-    Of a given flux h is the hold-up without slip, j_s/(j_s + U_g). Diffusion that kept less where
-    alpha_s is less would let voids beside a bed fall to 1e-38, where u_s is that of nothing and
-    has no steady state.
-    """
+def likely_holdup(scene: Any) -> float:
+    """Hold-up as given, or that of a given flux without slip, j_s/(j_s + U_g) [-]."""
     if scene.solids_feed is None:
-        return 1.0
+        return 0.0
     kind, value = scene.solids_feed
-    holdup = value if kind == "holdup" else value / (value + scene.feed.gas_velocity)
-    return float(holdup / (holdup + DILUTE))
+    return float(value if kind == "holdup" else value / (value + scene.feed.gas_velocity))
 
 
 SCHEME = nested.Scheme(

@@ -95,10 +95,12 @@ class Strong:
         return sym - np.eye(3)[:, :, None] * dilation / 3, dilation
 
     def beta(self, s: Exact, x: np.ndarray) -> np.ndarray:
-        """Drag coefficient."""
+        """Drag coefficient of the balances."""
         slip = s.u_g(x) - s.u_s(x)
         speed = np.sqrt((slip**2).sum(0) + self.numerics.slip_floor**2)
-        return self.closures.drag.beta(self.alpha(s, x), speed, self.gas, self.solids)
+        alpha = self.alpha(s, x)
+        residual = np.sqrt(1 + (self.numerics.void_fraction / alpha) ** 2)
+        return residual * self.closures.drag.beta(alpha, speed, self.gas, self.solids)
 
     def coefficients(self, s: Exact, x: np.ndarray) -> tuple[Any, Any, Any]:
         """Kinetic coefficients, friction and g0."""

@@ -259,6 +259,16 @@ class TwoFluidForms:
         height = self.stretch()[0]
         return self.at_point.drag(self.alpha(state), self.slip_speed(state), height)
 
+    def exchange(self, state: State) -> Expr:
+        """Drag coefficient of the balances, beta sqrt(1 + (a_0/alpha_s)^2) [kg/m3/s].
+
+        a_0 is `void_fraction`: what a void lacks of it is dragged as if it were there. The test
+        functions of a void reach into the bed beside it, and what the bed leaves there drives
+        grains of next to no mass to any speed.
+        """
+        residual = self.numerics.void_fraction / self.alpha(state)
+        return ufl.sqrt(1 + residual**2) * self.drag(state)
+
     def stretch(self) -> tuple[Expr, Expr]:
         """Height y' of the gas profile that a point carries [m], and dy'/dy."""
         law = self.closures.gas_wall
@@ -359,7 +369,7 @@ class TwoFluidForms:
             rho * idt * ufl.inner(a * now.u_s - a0 * old.u_s, v)
             + ufl.inner(body + rho * along, v)
             - a * drive * v[2]
-            - self.drag(now) * ufl.inner(now.u_g - now.u_s, v)
+            - self.exchange(now) * ufl.inner(now.u_g - now.u_s, v)
             + ufl.inner(stress - rho * ufl.outer(now.u_s, flux), self.axis.jacobian(v))
         ) * self.domain.dx
         if not self.at_point.feels_theta:
@@ -395,7 +405,7 @@ class TwoFluidForms:
         ) * self.domain.dx
         if self.solids is not None:
             slip = now.u_g - now.u_s
-            form += self.drag(now) * ufl.inner(slip, v) * self.domain.dx
+            form += self.exchange(now) * ufl.inner(slip, v) * self.domain.dx
         return form + self.wall_terms(
             now.u_g, v, a * self.gas_wall_traction(now), stress, a * mu, rho * a
         )
@@ -444,7 +454,7 @@ class TwoFluidForms:
 
     def energy(self, state: State, solid: Solid) -> GranularEnergy:
         """Sources of the granular energy."""
-        beta = self.drag(state)
+        beta = self.exchange(state)
         square = self.shear(state, "u_s").square
         slip = state.u_g - state.u_s
         return self.at_point.granular_energy(
@@ -453,7 +463,7 @@ class TwoFluidForms:
 
     def algebraic_theta(self, state: State, solid: Solid) -> Expr:
         """Theta where production equals dissipation and drag [m2/s2]."""
-        beta, square = self.drag(state), self.shear(state, "u_s").square
+        beta, square = self.exchange(state), self.shear(state, "u_s").square
         return self.at_point.algebraic_theta(solid.alpha, solid.g0, square, beta)
 
     def gas_turbulence(self, now: State, old: State, test: State, idt: Any) -> ufl.Form:
