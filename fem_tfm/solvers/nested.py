@@ -114,10 +114,11 @@ def solve_level(
 ) -> History:
     """Steady state of one section from a cold start, or from another mesh's answer.
 
-    A warm start takes the largest step at once; where it falls back to steps below the first one
-    of a cold start, or wanders, it has lost its lead, and the section starts cold. Then raised
-    terms of the mesh calm it down and are lowered as far as the solution follows; the section tells
-    how far that was. What still fails starts cold and careful, and then with more of these terms.
+    A warm start takes the largest step at once. Where it falls back to steps below the first one
+    of a cold start, or wanders, it starts again with that first one, and then the section starts
+    cold. Then raised terms of the mesh calm it down and are lowered as far as the solution follows;
+    the section tells how far that was. What still fails starts cold and careful, and then with more
+    of these terms.
 
     Raises
     ------
@@ -134,9 +135,11 @@ def _ways(
     """Ways to a steady state: quick ones, then patient ones for where these fail."""
     quick = [_warm(section, control, previous, observer, scheme)] if previous is not None else []
     control = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
-    careful = _march(section, replace(control, **CAREFUL), observer)
+    march, careful = (_march(section, c, observer) for c in (control, replace(control, **CAREFUL)))
+    if previous is not None:
+        quick.append((march.run, partial(_from, previous, scheme)))
     eased = _eased_ways(section, control, observer, scheme)
-    quick += [(_march(section, control, observer).run, scheme.cold), *eased[:1]]
+    quick += [(march.run, scheme.cold), *eased[:1]]
     cold = scheme.cold
     if scheme.ease is not None:
         # a calm start that failed leaves its terms behind
