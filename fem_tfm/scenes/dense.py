@@ -81,9 +81,8 @@ BED_FACTOR, LIFTED_FACTOR = 10, 3
 def with_wall_cell(physics: Physics) -> Resolution:
     """Resolution with the cell at the wall that the wall law of the gas asks for."""
     scene, resolution = physics.scene, physics.resolution
-    if not scene.model.gas_wall.resolved:
-        return resolution
-    return resolution.with_wall_cell(physics.section, scene.wall_offset)
+    height = scene.model.wall_cell(scene.feed.gas_velocity, scene.geometry.hydraulic_diameter)
+    return resolution.with_wall_cell(physics.section, height) if height else resolution
 
 
 def setup_of(scene: Any) -> Setup:

@@ -47,7 +47,8 @@ class GasWall(Closure):
     """Interface of a wall law of the gas.
 
     needs_k : it asks for a turbulence that transports k
-    resolved : the mesh reaches into the viscous sublayer
+    strong : the wall holds the gas
+    resolved : the law is that of a mesh which reaches into the viscous sublayer
     """
 
     strong: ClassVar[bool] = False

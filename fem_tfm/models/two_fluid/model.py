@@ -239,6 +239,24 @@ class TwoFluid(Parameters):
             return self.wall_distance
         if not self.gas_wall.resolved:
             return WALL_SHARE * diameter
+        return self._sublayer(speed, diameter)
+
+    def wall_cell(self, speed: float, diameter: float) -> float | None:
+        """Height of the cell at the wall that the gas asks for [m], None where it asks for none.
+
+        A mesh that carries a turbulent gas down to a wall that holds it must resolve the sublayer.
+
+        speed : superficial velocity of the gas [m/s]
+        diameter : hydraulic diameter [m]
+        """
+        if self.gas_wall.resolved:
+            return self.wall_offset(speed, diameter)
+        reynolds = self.gas.density * speed * diameter / self.gas.viscosity
+        turbulent = self.turbulence.name != "laminar" and reynolds > LEAST_REYNOLDS
+        return self._sublayer(speed, diameter) if turbulent and self.gas_wall.strong else None
+
+    def _sublayer(self, speed: float, diameter: float) -> float:
+        """Distance from the wall of y+ = 2 of the gas alone [m]."""
         viscosity = self.gas.viscosity / self.gas.density
         fast = max(speed, SLOWEST * viscosity / diameter)
         return SUBLAYER_PLUS * viscosity / friction_velocity(fast, diameter, viscosity)
