@@ -107,6 +107,7 @@ def setup_of(scene: Any) -> Setup:
         wall_speed=WALL_SPEED * speed,
         pressure_shift=PRESSURE_SHIFT / (width * model.gas.density * speed),
         relaxation=width / speed,
+        theta_free=speed**2 + scene.feed.gravity * width,
         smoothing=SMOOTHING * width,
     )
     return Setup(

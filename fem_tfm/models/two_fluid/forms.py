@@ -22,6 +22,7 @@ UFL expressions, which is also how the manufactured solutions are made.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -59,6 +60,7 @@ class Stabilisation(Regularisation):
     wall_speed : speed of the inertial share of that condition [m/s]
     pressure_shift : compressibility that fixes the mean of p at zero [m s/kg]
     relaxation : time in which an algebraic Theta follows during pseudo-time [s]
+    theta_free : largest algebraic Theta of grains that meet the wall before each other [m2/s2]
     smoothing : length over which an algebraic c is smoothed [m]; it stands for the conduction
         that the algebraic balance lacks, without which voids and shear-free lines
         make Theta as rough as the mesh
@@ -73,6 +75,7 @@ class Stabilisation(Regularisation):
     wall_speed: Any
     pressure_shift: Any
     relaxation: Any
+    theta_free: Any
     smoothing: Any
 
 
@@ -462,9 +465,18 @@ class TwoFluidForms:
         )
 
     def algebraic_theta(self, state: State, solid: Solid) -> Expr:
-        """Theta where production equals dissipation and drag [m2/s2]."""
+        """Theta where production equals dissipation and drag [m2/s2].
+
+            Theta Theta_w/(Theta + Theta_w),  Theta_w = theta_free [1 + (6 sqrt(2) alpha_s D/d)^2]
+
+        Grains whose free path d/(6 sqrt(2) alpha_s) is above D meet the wall before each other.
+        The balance, which knows no wall, would make them hotter than any flow.
+        """
         beta, square = self.exchange(state), self.shear(state, "u_s").square
-        return self.at_point.algebraic_theta(solid.alpha, solid.g0, square, beta)
+        found = self.at_point.algebraic_theta(solid.alpha, solid.g0, square, beta)
+        paths = 6 * math.sqrt(2) * solid.alpha * self.domain.diameter / self.at_point.grain.diameter
+        most = self.numerics.theta_free * (1 + paths**2)
+        return found * most / (found + most)
 
     def gas_turbulence(self, now: State, old: State, test: State, idt: Any) -> ufl.Form:
         """Transport of the logarithms of the gas's turbulence, each balance over its scale X.
