@@ -92,8 +92,7 @@ class Regularisation:
     k_floor : turbulent energy that grains leave to the gas [m2/s2]
     max_frictional_viscosity : cap of mu_f [Pa s]
     void_fraction : a_0 of the factor a^2/(a^2 + a_0^2) on the kinetic viscosity and conductivity,
-        which laws keep finite in a void, 0 for none [-]; in a section the drag of the balances has
-        the factor sqrt(1 + (a_0/a)^2)
+        which laws keep finite in a void, 0 for none [-]
     grain_gap : height over which the drag fades to the wall [m], 0 for none
     """
 

@@ -41,8 +41,8 @@ ALPHA_DIFFUSION, WALL_SPEED, PRESSURE_SHIFT = 1.5e-7, 0.1, 1e-8
 WALL_PENALTY, SMOOTHING, SMALLEST_RATE = 200.0, 0.05, 1e-4
 # hold-up below which the diffusion of voids falls: there it would flatten what eddies spread
 DILUTE = 1e-2
-# solids fraction of a void over the hold-up
-VOID = 1e-3
+# residual solids fraction of the drag over the hold-up
+RESIDUAL = 1e-3
 # a state that breaks a balance by more is no answer
 BALANCE_ERROR = 1e-6
 # and one whose gradient the raised terms of the mesh change by a larger share is none either
@@ -100,13 +100,13 @@ def setup_of(scene: Any) -> Setup:
         alpha_diffusion=share * ALPHA_DIFFUSION * speed * width if diffusion is None else diffusion,
         capture=given.capture,
         damping=given.damping,
-        void_fraction=VOID * holdup,
         smallest_front_rate=share * SMALLEST_RATE * speed / width,
         smallest_rate=SMALLEST_RATE * speed / width,
         wall_penalty=WALL_PENALTY,
         wall_speed=WALL_SPEED * speed,
         pressure_shift=PRESSURE_SHIFT / (width * model.gas.density * speed),
         relaxation=width / speed,
+        residual_fraction=RESIDUAL * holdup,
         theta_free=speed**2 + scene.feed.gravity * width,
         smoothing=SMOOTHING * width,
     )

@@ -153,6 +153,7 @@ def plain_numerics(**changes: float) -> Stabilisation:
         "wall_speed": 0.5,
         "pressure_shift": 0.05,
         "relaxation": 0.3,
+        "residual_fraction": 0.12,
         "theta_free": 0.3,
         "smoothing": 0.2,
     }

@@ -99,7 +99,7 @@ class Strong:
         slip = s.u_g(x) - s.u_s(x)
         speed = np.sqrt((slip**2).sum(0) + self.numerics.slip_floor**2)
         alpha = self.alpha(s, x)
-        residual = np.sqrt(1 + (self.numerics.void_fraction / alpha) ** 2)
+        residual = np.sqrt(1 + (self.numerics.residual_fraction / alpha) ** 2)
         return residual * self.closures.drag.beta(alpha, speed, self.gas, self.solids)
 
     def coefficients(self, s: Exact, x: np.ndarray) -> tuple[Any, Any, Any]:

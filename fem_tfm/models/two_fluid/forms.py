@@ -60,6 +60,7 @@ class Stabilisation(Regularisation):
     wall_speed : speed of the inertial share of that condition [m/s]
     pressure_shift : compressibility that fixes the mean of p at zero [m s/kg]
     relaxation : time in which an algebraic Theta follows during pseudo-time [s]
+    residual_fraction : solids fraction below which the drag falls no further [-]
     theta_free : largest algebraic Theta of grains that meet the wall before each other [m2/s2]
     smoothing : length over which an algebraic c is smoothed [m]; it stands for the conduction
         that the algebraic balance lacks, without which voids and shear-free lines
@@ -75,6 +76,7 @@ class Stabilisation(Regularisation):
     wall_speed: Any
     pressure_shift: Any
     relaxation: Any
+    residual_fraction: Any
     theta_free: Any
     smoothing: Any
 
@@ -263,14 +265,14 @@ class TwoFluidForms:
         return self.at_point.drag(self.alpha(state), self.slip_speed(state), height)
 
     def exchange(self, state: State) -> Expr:
-        """Drag coefficient of the balances, beta sqrt(1 + (a_0/alpha_s)^2) [kg/m3/s].
+        """Drag coefficient of the balances, beta sqrt(1 + (residual_fraction/alpha_s)^2) [kg/m3/s].
 
-        a_0 is `void_fraction`: what a void lacks of it is dragged as if it were there. The test
+        What a void lacks of the residual fraction is dragged as if it were there. The test
         functions of a void reach into the bed beside it, and what the bed leaves there drives
         grains of next to no mass to any speed.
         """
-        residual = self.numerics.void_fraction / self.alpha(state)
-        return ufl.sqrt(1 + residual**2) * self.drag(state)
+        lack = self.numerics.residual_fraction / self.alpha(state)
+        return ufl.sqrt(1 + lack**2) * self.drag(state)
 
     def stretch(self) -> tuple[Expr, Expr]:
         """Height y' of the gas profile that a point carries [m], and dy'/dy."""
