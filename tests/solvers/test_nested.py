@@ -31,7 +31,9 @@ def ways(previous: Any, told: list[Any]) -> tuple[list[Any], list[Any]]:
     return nested._ways(section, control, previous, nested.QUIET, scheme)
 
 
-@pytest.mark.parametrize(("previous", "first"), [(None, ["cold"]), (7, [("warm", 7), "cold"])])
+@pytest.mark.parametrize(
+    ("previous", "first"), [(None, ["cold"]), (7, 2 * [("warm", 7)] + ["cold"])]
+)
 def test_a_calm_start_ends_the_quick_ways(previous: Any, first: list[Any]) -> None:
     told: list[Any] = []
     quick, _ = ways(previous, told)

@@ -43,6 +43,11 @@ def bounded(square: np.ndarray, least: float) -> np.ndarray:
     return np.sqrt(square + least**2)
 
 
+def over_speed(source: np.ndarray, c: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """A gain over the root of Theta, a loss over Theta/c."""
+    return np.where(source > 0, source / np.sqrt(theta), source * c / theta)
+
+
 def divergence(flux: Field, x: np.ndarray) -> np.ndarray:
     """d flux_j/dx_j of a field of shape (..., 3, n)."""
     return sum(derivative(lambda p, j=j: flux(p)[..., j, :], x, j) for j in range(2))
@@ -203,12 +208,12 @@ class Strong:
         k, f, _ = self.coefficients(s, x)
         strain, dilation = self.strain(s.u_s, x)
         speed, slope = np.sqrt(self.theta(s, x)), gradient(s.c, x)
-        work = 2 * k.shear_viscosity * (strain**2).sum((0, 1)) - k.pressure * dilation
-        work += k.bulk_viscosity * dilation**2
+        work = 2 * k.shear_viscosity * (strain**2).sum((0, 1)) + k.bulk_viscosity * dilation**2
         if self.closures.friction_feeds_theta:
             work += 2 * f.viscosity * (strain**2).sum((0, 1))
         loss = (k.dissipation / speed**2 + 3 * self.beta(s, x)) * s.c(x)
         gain = (work + 2 * k.conductivity * (slope**2).sum(0)) / speed
+        gain += over_speed(-k.pressure * dilation, s.c(x), speed**2)
         carried = self.idt * a * (s.c(x) - old.c(x)) + (self.solids_volume(s, x) * slope).sum(0)
         return {
             "u_g": rho_g * self.idt * ((1 - a) * s.u_g(x) - (1 - a0) * old.u_g(x))
@@ -251,5 +256,6 @@ class Strong:
             stiff = viscosity / self.wall_cell + density * self.numerics.wall_speed
             through = (u(x) * normal).sum(0)
             ties[name] = drag + normal * (self.numerics.wall_penalty * stiff * through - held)
-        ties["c"] = -self.closures.solids_wall.heat(state, self.solids) / np.sqrt(theta)
+        heat = self.closures.solids_wall.heat(state, self.solids)
+        ties["c"] = -over_speed(heat, s.c(x), theta)
         return ties

@@ -61,7 +61,11 @@ class Cell:
             **others,
         )
         self.numerics = problems.plain_numerics(
-            alpha_diffusion=0.0, theta_floor=0.0, void_fraction=0.0
+            alpha_diffusion=0.0,
+            theta_floor=0.0,
+            void_fraction=0.0,
+            residual_fraction=0.0,
+            theta_free=1e15,
         )
         # gas so thin that it neither heats nor cools: 3 beta/gamma is below 1e-12
         model = TwoFluidForms(
