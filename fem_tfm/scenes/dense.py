@@ -355,6 +355,8 @@ def raised_terms(section: TwoFluidSection, alone: bool) -> str:
 EDDY_SHARE, SIMONIN_SINK = 0.11, 15.0
 # a plastic law with a friction limit below this was hardly meant; a gas with Re above is turbulent
 PACKED, TURBULENT = 0.5, 4000.0
+# a cell at the wall higher than what the gas asks for by more than this is told
+COARSE = 2.0
 
 
 def entering(scene: Any) -> str:
@@ -385,10 +387,14 @@ def advice(scene: Any) -> list[str]:
     reynolds = scene.reynolds
     if laws.turbulence.name == "laminar" and reynolds > TURBULENT:
         said.append(f"the gas is taken as laminar at a Reynolds number of {reynolds:.3g}")
-    if laws.turbulence.name != "laminar" and laws.gas_wall.name == "no-slip":
+    wanted = laws.wall_cell(scene.feed.gas_velocity, scene.geometry.hydraulic_diameter)
+    resolution = scene.physics.resolution
+    height = resolution.wall_ratio * resolution.core_size(scene.physics.section)
+    if wanted and laws.gas_wall.strong and height > COARSE * wanted:
         said.append(
             "a turbulent gas with walls.gas = 'no-slip' needs cells of a few viscous lengths at the"
-            " wall; 'low-reynolds' makes them and 'log-law' does without"
+            f" wall, {1e3 * wanted:.2g} mm, and these have {1e3 * height:.2g} mm: leave"
+            " numerics.wall_grading out, or take 'log-law', which does without"
         )
     if solids and laws.theta == "algebraic" and laws.solids_wall.name == "rough":
         said.append(

@@ -27,7 +27,7 @@ def test_the_demo_needs_no_advice(demo: Case) -> None:
         ({"closures.friction": "schaeffer"}, "packed fraction"),
         ({"closures.friction": "syamlal"}, "packed fraction"),
         ({"closures.turbulence": "laminar"}, "laminar at a Reynolds number"),
-        ({"walls.gas": "no-slip"}, "viscous lengths"),
+        ({"walls.gas": "no-slip", "numerics.wall_grading": 0.25}, "viscous lengths"),
     ],
 )
 def test_advice(demo: Case, changes: dict[str, Any], part: str) -> None:
@@ -70,3 +70,35 @@ def test_a_resolved_wall_chooses_its_distance_and_cells(demo: Case) -> None:
     core = resolution.core_size(scene.section)
     assert resolution.wall_ratio * core == pytest.approx(2 * unit)
     assert demo.scene.physics.resolution.wall_ratio == WALL_RATIO
+
+
+def test_a_turbulent_gas_on_a_wall_that_holds_it_gets_cells_in_the_sublayer(demo: Case) -> None:
+    """As with `low-reynolds`; a laminar gas needs none."""
+    held = demo.with_values({"walls.gas": "no-slip"})
+    viscosity = held.scene.model.gas.viscosity / held.scene.model.gas.density
+    unit = viscosity / friction_velocity(6.43, 0.01, viscosity)
+    resolution = held.scene.physics.resolution
+    assert resolution.wall_ratio * resolution.core_size(held.scene.section) == pytest.approx(
+        2 * unit
+    )
+    assert held.scene.warnings() == []
+    for changes in (
+        {"closures.turbulence": "laminar"},
+        {"operation.gas_superficial_velocity": 0.05},
+        {"walls.gas": "free-slip"},
+    ):
+        laminar = held.with_values(changes).scene.physics.resolution
+        assert laminar.wall_ratio == WALL_RATIO
+
+
+def test_the_diffusion_of_voids_goes_with_the_holdup(demo: Case) -> None:
+    """h/(h + 0.01) of it, and a residual fraction of 0.001 h; a stated diffusion stays."""
+    numerics = {
+        h: demo.with_values({"operation.solids_fraction": h}).scene.physics.setup().numerics
+        for h in (0.245, 1e-4)
+    }
+    shares = [n.alpha_diffusion / (1.5e-7 * 6.43 * 0.01) for n in numerics.values()]
+    assert shares == pytest.approx([0.245 / 0.255, 1e-4 / 1.01e-2])
+    assert [n.residual_fraction for n in numerics.values()] == pytest.approx([2.45e-4, 1e-7])
+    stated = demo.with_values({"numerics.alpha_diffusion": 1e-8}).scene.physics.setup()
+    assert stated.numerics.alpha_diffusion == 1e-8

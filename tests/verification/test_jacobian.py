@@ -239,7 +239,7 @@ def unseen(found: Section) -> set[str]:
     return inert
 
 
-# lag and smoothing are those of an algebraic Theta; that has no flux through walls, hence no
+# lag, smoothing and bound are those of an algebraic Theta; that has no flux through walls, hence no
 # restitution there, and a laminar gas held by the wall knows neither eddies nor their length;
 # grains that take no turbulence leave none, neither a gap nor a fade in voids is asked for, and no
 # bed is as stiff as the cap
@@ -250,7 +250,7 @@ OFF = {
     "numerics.max_frictional_viscosity",
 }
 INERT = {
-    "default": {"numerics.relaxation", "numerics.smoothing", *OFF},
+    "default": {"numerics.relaxation", "numerics.smoothing", "numerics.theta_free", *OFF},
     "other": {
         "domain.wall_offset",
         *OFF,
