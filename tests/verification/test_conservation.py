@@ -52,7 +52,7 @@ def forces(found: Section) -> dict[str, float]:
         "area": found.integral("one", ufl.as_ufl(1.0)),
         "held": held,
         "weight": excess * setup.gravity[2] * held,
-        "drag": found.integral("drag", model.drag(state) * slip),
+        "drag": found.integral("drag", model.exchange(state) * slip),
         "gas_wall": wall(found, (1 - alpha) * model.gas_wall_traction(state)[2]),
         "solids_wall": wall(found, model.solids_wall_traction(state)[2]),
     }

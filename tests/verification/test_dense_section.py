@@ -135,14 +135,17 @@ def test_whole_section_is_symmetric() -> None:
 
 
 def test_flux_feed_returns_the_holdup() -> None:
-    """A flux equal to that of the hold-up feed gives its hold-up and G back."""
+    """A flux equal to that of the hold-up feed gives its hold-up and G back.
+
+    All but 1e-6 of it: the regularisation of voids goes with the hold-up that is likely.
+    """
     given = solved(numerics__level=1)
     velocity = quantities(given)["solids_mass_flow"] / (1700.0 * BASE.scene.geometry.area)
     changes = {"solids_fraction": None, "solids_superficial_velocity": velocity}
     case = BASE.with_values({f"operation.{k}": v for k, v in changes.items()})
     found = solve(case.with_values({"numerics.level": 1}))
-    assert quantities(found)["holdup"] == pytest.approx(0.245, rel=1e-6)
-    assert drive(found) == pytest.approx(drive(given), rel=1e-6)
+    assert quantities(found)["holdup"] == pytest.approx(0.245, rel=1e-5)
+    assert drive(found) == pytest.approx(drive(given), rel=1e-5)
 
 
 def test_warm_start_is_cheap() -> None:
@@ -158,10 +161,10 @@ def test_warm_start_is_cheap() -> None:
 
 
 def test_a_warm_start_that_loses_its_lead_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It takes no step below the first one of the cold start that follows."""
+    """It takes no step below the first one of a cold start, with which it then starts again."""
     given, step = solved(numerics__level=1), PseudoTime._step
     section = Section(given.section.mesh, given.section.setup)
-    astray, tried = [True], list[float]()
+    astray, tried, starts = [True], list[float](), list[Any]()
 
     def fails(march: PseudoTime, dt: float) -> dict[str, float]:
         if astray:
@@ -170,16 +173,19 @@ def test_a_warm_start_that_loses_its_lead_gives_way(monkeypatch: pytest.MonkeyPa
             raise LinearSolveError("astray")
         return step(march, dt)
 
-    def cold(found: Section) -> None:
-        astray.clear()
-        dense.SCHEME.cold(found)
+    def warm(found: Section, other: Section) -> None:
+        starts.append(other)
+        if len(starts) == 2:
+            astray.clear()
+        dense.SCHEME.warm(found, other)
 
     monkeypatch.setattr(PseudoTime, "_step", fails)
-    scheme = replace(dense.SCHEME, cold=cold)
+    scheme = replace(dense.SCHEME, warm=warm)
     control = dense.SCHEME.control(section, 1e-9, 200)
     nested.solve_level(section, control, given.section, nested.QUIET, scheme)
     assert tried[0] == control.largest
     assert control.first <= tried[-1] < 100 * control.first
+    assert starts == 2 * [given.section]
     assert float(section.drive.value) == pytest.approx(drive(given), rel=1e-7)
 
 

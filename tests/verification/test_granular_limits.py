@@ -257,7 +257,7 @@ def test_slip_agitates_a_suspension_at_rest(e: float, alpha: float, start: float
     v^2/(3 Theta) of it.
     """
     found = suspended()
-    found.prescribe(1.0, 0.3, 0.0)
+    found.prescribe(e, alpha, 0.0)
     found.slip.value, found.c.x.array[:] = SLIP, math.sqrt(start)
     control = PseudoTimeControl(first=1e-2, smallest=1e-8, largest=1e8)
     PseudoTime(found.newton, found.old, found.idt, control).run()
