@@ -137,7 +137,7 @@ def test_whole_section_is_symmetric() -> None:
 def test_flux_feed_returns_the_holdup() -> None:
     """A flux equal to that of the hold-up feed gives its hold-up and G back.
 
-    All but 1e-6 of it: the regularisation of voids goes with the hold-up that is likely.
+    All but 1e-4 of it: the regularisation of voids goes with the hold-up that is likely.
     """
     given = solved(numerics__level=1)
     velocity = quantities(given)["solids_mass_flow"] / (1700.0 * BASE.scene.geometry.area)
@@ -145,7 +145,7 @@ def test_flux_feed_returns_the_holdup() -> None:
     case = BASE.with_values({f"operation.{k}": v for k, v in changes.items()})
     found = solve(case.with_values({"numerics.level": 1}))
     assert quantities(found)["holdup"] == pytest.approx(0.245, rel=1e-5)
-    assert drive(found) == pytest.approx(drive(given), rel=1e-5)
+    assert drive(found) == pytest.approx(drive(given), rel=1e-4)
 
 
 def test_warm_start_is_cheap() -> None:
