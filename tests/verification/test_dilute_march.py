@@ -71,6 +71,7 @@ ROUGH: dict[str, Any] = {
 }
 
 
+@pytest.mark.slow
 def test_a_riser_develops_to_its_section() -> None:
     march = Case.from_dict(RISER).scene.run()
     section = Case.from_dict(RISER | {"solution": "developed"}).scene.run()
@@ -90,7 +91,8 @@ def test_a_dilute_level_line_starts(name: str) -> None:
     assert np.max(table["max_theta"]) < speed**2 / 3
 
 
-@pytest.mark.parametrize("level", [2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("level", [2, 3])
 def test_a_march_along_a_rough_wall_starts(level: int) -> None:
     found = Case.from_dict(ROUGH | {"numerics": {"level": level}}).scene.run()
     assert found.status == "finished"

@@ -30,10 +30,8 @@ def line(of: tuple[float, ...], walls: str) -> Case:
     return Case.from_dict(given)
 
 
-@pytest.mark.parametrize(
-    "of", [pytest.param(PELLETS, id="3 mm"), pytest.param(COAL, id="1 mm", marks=pytest.mark.slow),
-           pytest.param(FLOUR, id="70 um", marks=pytest.mark.slow)]
-)  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize("of", [PELLETS, COAL, FLOUR], ids=["3 mm", "1 mm", "70 um"])
 def test_lines_with_a_rough_wall(of: tuple[float, ...]) -> None:
     """Within 20 %, where the flat wall misses a quarter at least."""
     rough, flat = (quantities(solve(line(of, law))) for law in ("rough", "schneiderbauer"))
