@@ -127,7 +127,7 @@ def test_a_far_point_is_approached_in_parts(dense: dict[str, Any], monkeypatch) 
         return between(a, b, share)
 
     monkeypatch.setattr(Dense, "scheme", replace(SCHEME, between=told))
-    far = {SPEED: 2.5, FRACTION: 0.45}
+    far = {SPEED: 3.0, FRACTION: 0.45}
     warm = list(sweep.solve(Plan(case), [Point(0, {}), Point(1, far)]))[1]
     (cold,) = sweep.solve(Plan(case), [Point(1, far)])
     assert (warm.status, warm.start, cold.start) == ("converged", "warm", "cold")
