@@ -26,8 +26,6 @@ GUIDE_TOLERANCE = 1e-6
 # shares of the largest number of steps: for one way to start, for a warm start, which needs a
 # handful of steps or never ends, and for lowering the mesh's terms
 PATIENCE, WARM_PATIENCE, FOLLOWING = 0.5, 0.2, 0.3
-# smallest step of the second warm start over the first one of a cold start, which is quicker below
-GENTLEST = 5e-3
 # steps of a careful march end closer to their solution and grow slower
 CAREFUL: dict[str, Any] = {"loose": 0.1, "max_iterations": 15, "growth": 1.5, "saturate": False}
 # a neighbouring problem is approached in up to two to the power of this many parts, each of which
@@ -117,10 +115,10 @@ def solve_level(
     """Steady state of one section from a cold start, or from another mesh's answer.
 
     A warm start takes the largest step at once. Where it falls back to steps below the first one
-    of a cold start, or wanders, it starts again with that first one, and then, where that falls far
-    below it, the section starts cold. Then raised terms of the mesh calm it down and are lowered as
-    far as the solution follows; the section tells how far that was. What still fails starts cold
-    and careful, and then with more of these terms.
+    of a cold start, or wanders, it starts again with that first one, and then the section starts
+    cold. Then raised terms of the mesh calm it down and are lowered as far as the solution follows;
+    the section tells how far that was. What still fails starts cold and careful, and then with more
+    of these terms.
 
     Raises
     ------
@@ -139,8 +137,7 @@ def _ways(
     control = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
     march, careful = (_march(section, c, observer) for c in (control, replace(control, **CAREFUL)))
     if previous is not None:
-        gentle = _march(section, replace(control, smallest=GENTLEST * control.first), observer)
-        quick.append((gentle.run, partial(_from, previous, scheme)))
+        quick.append((march.run, partial(_from, previous, scheme)))
     eased = _eased_ways(section, control, observer, scheme)
     quick += [(march.run, scheme.cold), *eased[:1]]
     cold = scheme.cold
