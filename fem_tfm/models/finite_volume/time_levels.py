@@ -300,7 +300,9 @@ def _smaller_of_sides(line: LineMesh, values: Array) -> Array:
 
 def _growth(now: Array, before: Array) -> Array:
     """Factor by which a positive quantity has grown, within limits."""
-    return np.clip(now / np.maximum(before, 1e-300), 1 / LARGEST_GROWTH, LARGEST_GROWTH)
+    with np.errstate(over="ignore"):
+        grown = now / np.maximum(before, 1e-300)
+    return np.clip(grown, 1 / LARGEST_GROWTH, LARGEST_GROWTH)
 
 
 def _start_of_positive(now: Array, growth: Array, c: Array) -> Array:
