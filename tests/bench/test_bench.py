@@ -197,6 +197,7 @@ def test_the_cost_of_the_unsteady_flow_is_measured() -> None:
     assert cost.iterations["pressure"] > 0
 
 
+@pytest.mark.slow
 def test_the_unsteady_flow_holds_no_more_memory_with_every_step() -> None:
     assert unsteady.growth(400) < 2000
 

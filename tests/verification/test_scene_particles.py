@@ -378,6 +378,7 @@ def test_collisions_of_a_thin_cloud_change_nothing() -> None:
     assert met["particle_exit_velocity_ash"] == alone["particle_exit_velocity_ash"]
 
 
+@pytest.mark.slow
 def test_a_thin_cloud_slips_like_the_dispersed_phase_of_two_fluids() -> None:
     pipe = ft.Pipe(0.1, length=20.0, inclination_deg=90.0)
     gas, sand = ft.Gas(1.2, 1.8e-5), ft.Solids(density=2500, diameter=2e-4, restitution=0.9)
