@@ -377,6 +377,14 @@ class Pointwise:
         found = algebraic_theta(*rates, granular, solids, self.diameter, beta)
         return found + self.regularisation.theta_floor
 
+    @property
+    def free_fraction(self) -> Any:
+        """alpha_s of a mean free path d/(6 sqrt(2) alpha_s) as long as D [-].
+
+        Grains that are fewer meet the wall before each other.
+        """
+        return self.grain.diameter / (6 * math.sqrt(2) * self.diameter)
+
     # -- drag ----------------------------------------------------------------------------------
 
     def speed(self, velocity: Value) -> Value:

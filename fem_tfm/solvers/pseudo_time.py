@@ -20,9 +20,6 @@ from fem_tfm.solvers.step import StepControl, attempt
 
 # a steady state may still move by this many tolerances in a step of the largest dt
 STEP_ALLOWANCE = 1e4
-# so many steps of the largest dt whose updates stay within this factor of the tolerance move
-# nothing but the last digits, which a nearly singular system does not hold
-LAST_STEPS, LAST_DIGITS = 8, 100.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +96,7 @@ class PseudoTime:
             dt = self._accepted_step(dt, history)
             row = history.rows[-1]
             self.observe(row)
-            if self._settled(row) or self._confirmed(row, history) or self._at_round_off(history):
+            if self._settled(row) or self._confirmed(row, history):
                 return history
             dt = min(dt * self._growth(row), control.largest)
         raise SolverError(
@@ -127,12 +124,6 @@ class PseudoTime:
         tolerance, quick = self.control.tolerance, row["iterations"] == 1
         steady = row["dt"] >= self.control.largest and row["change"] <= STEP_ALLOWANCE * tolerance
         return quick and steady and row["update"] <= tolerance
-
-    def _at_round_off(self, history: History) -> bool:
-        """Whether steps of the largest dt have long moved nothing but the last digits."""
-        rows, limit = history.rows[-LAST_STEPS:], LAST_DIGITS * self.control.tolerance
-        steady = (r["dt"] >= self.control.largest and r["update"] <= limit for r in rows)
-        return len(rows) == LAST_STEPS and all(steady)
 
     def _confirmed(self, row: dict[str, float], history: History) -> bool:
         """Whether a step of the largest dt with the factors at hand moves nothing any more."""

@@ -16,7 +16,7 @@ from mpi4py import MPI
 from fem_tfm.errors import SolverError
 from fem_tfm.fenics import compile_form
 from fem_tfm.solvers.newton import Block, Border, BorderedNewton, LinearSolveError
-from fem_tfm.solvers.pseudo_time import History, PseudoTime, PseudoTimeControl
+from fem_tfm.solvers.pseudo_time import PseudoTime, PseudoTimeControl
 
 CONTROL = PseudoTimeControl(first=1e-2, largest=1e8, smallest=1e-6)
 
@@ -139,16 +139,3 @@ def test_no_steady_state_within_the_steps() -> None:
     problem.march.control = PseudoTimeControl(first=1e-6, largest=1e8, smallest=1e-9, max_steps=2)
     with pytest.raises(SolverError, match="not steady after 2 pseudo-time steps"):
         problem.march.run()
-
-
-@pytest.mark.parametrize(
-    ("steps", "update", "dt", "ends"),
-    [(8, 9e-8, 1e8, True), (7, 9e-8, 1e8, False), (8, 1.1e-7, 1e8, False), (8, 9e-8, 9e7, False)],
-)
-def test_steps_that_move_the_last_digits_alone_are_steady(
-    steps: int, update: float, dt: float, ends: bool
-) -> None:
-    """Eight of the largest dt whose updates are within a hundred tolerances."""
-    problem, row = Membrane(), {"dt": dt, "update": update}
-    rows = [{"dt": 1e8, "update": 1.0}, *steps * [row]]
-    assert problem.march._at_round_off(History(rows)) is ends

@@ -41,8 +41,7 @@ class GranularTemperature:
     ) -> None:
         self.line, self.laws, self.transport = line, laws, transport
         self._intensity = problem.solids_intensity
-        # mean free path d/(6 sqrt(2) a) above D
-        self._lonely = laws.grain.diameter / (6 * 2**0.5 * problem.diameter)
+        self._lonely = laws.free_fraction
         self._fast = problem.gas_velocity**2 + np.linalg.norm(problem.gravity) * problem.diameter
 
     def solve(self, step: Step) -> tuple[Array, int]:

@@ -22,7 +22,6 @@ UFL expressions, which is also how the manufactured solutions are made.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -161,7 +160,10 @@ def bounded(square: Expr, least: Any) -> Expr:
 
 
 def over_speed(source: Expr, c: Expr, theta: Expr) -> Expr:
-    """A source of granular energy over the fluctuation speed, a gain over |c| and a loss over c."""
+    """A source P of granular energy over the fluctuation speed, [P] s/m.
+
+    P/sqrt(Theta) of a gain, P c/Theta of a loss: what pushes c up, and what pulls it to zero.
+    """
     return ufl.conditional(ufl.gt(source, 0), source / ufl.sqrt(theta), source * c / theta)
 
 
@@ -469,15 +471,15 @@ class TwoFluidForms:
     def algebraic_theta(self, state: State, solid: Solid) -> Expr:
         """Theta where production equals dissipation and drag [m2/s2].
 
-            Theta Theta_w/(Theta + Theta_w),  Theta_w = theta_free [1 + (6 sqrt(2) alpha_s D/d)^2]
+            Theta Theta_w/(Theta + Theta_w),  Theta_w = theta_free [1 + (alpha_s/free_fraction)^2]
 
-        Grains whose free path d/(6 sqrt(2) alpha_s) is above D meet the wall before each other.
-        The balance, which knows no wall, would make them hotter than any flow.
+        The balance, which knows no wall, would make grains that meet it before each other hotter
+        than any flow.
         """
         beta, square = self.exchange(state), self.shear(state, "u_s").square
         found = self.at_point.algebraic_theta(solid.alpha, solid.g0, square, beta)
-        paths = 6 * math.sqrt(2) * solid.alpha * self.domain.diameter / self.at_point.grain.diameter
-        most = self.numerics.theta_free * (1 + paths**2)
+        crowding = solid.alpha / self.at_point.free_fraction
+        most = self.numerics.theta_free * (1 + crowding**2)
         return found * most / (found + most)
 
     def gas_turbulence(self, now: State, old: State, test: State, idt: Any) -> ufl.Form:
