@@ -13,7 +13,6 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from fem_tfm.closures.base import Closure, law, optional_law
 from fem_tfm.closures.drag import Drag
@@ -248,6 +247,8 @@ def parcels(cloud: Cloud, number: int, section: Section, gas_flow: float) -> Ent
     """
     material = cloud.materials[number]
     count = cloud.parcels * cloud.entries
+    from scipy.stats import qmc  # imported here: it takes half a second, and most cases draw none
+
     draws = qmc.LatinHypercube(d=3, rng=np.random.default_rng([cloud.seed, number])).random(count)
     diameter = material.sizes(draws[:, 2])
     x, y = _spread(section, draws[:, 0], draws[:, 1], diameter)

@@ -22,8 +22,8 @@ from fem_tfm.solvers.pseudo_time import History, PseudoTime, PseudoTimeControl
 
 # decimal exponents of the factor on the least rate: at the start, and the largest of an answer
 CALMEST, LARGEST_OF_ANSWER = 7.0, 3.0
-# points of all branches, and how far in the exponent one is followed back
-MOST_POINTS, BACK = 120, 0.5
+# points of all branches and of a direct one, and how far in the exponent one is followed back
+MOST_POINTS, DIRECT_POINTS, BACK = 120, 60, 0.5
 # steps across the end of a branch, tried in this order, and how often
 LEAPS, MOST_LEAPS = (0.3, 1.0), 4
 # updates at which a state on the way is good enough, from the start and beyond a leap
@@ -128,6 +128,7 @@ class Calming:
     control : of an answer
     ease : sets the terms of the mesh
     strength : of these terms
+    direct : gives up where the first branch does not lead to the standard rate
     """
 
     section: Any
@@ -135,6 +136,7 @@ class Calming:
     control: PseudoTimeControl
     ease: Callable[[Any, MeshTerms], None]
     strength: float = 1.0
+    direct: bool = False
 
     def run(self) -> History:
         """Steady state with the least rate at its standard or as near to it as can be.
@@ -142,10 +144,15 @@ class Calming:
         Raises
         ------
         SolverError
-            the last state still needs a rate that no answer may have.
+            the last state still needs a rate that no answer may have, or any if `direct`.
         """
-        self._points = MOST_POINTS
+        self._points = DIRECT_POINTS if self.direct else MOST_POINTS
         self._solve(CALMEST, ON_THE_WAY)
+        if self.direct:
+            self._follow()
+            if self._exponent > 0:
+                raise SolverError("the branch of the calm state does not lead to the stated one")
+            return self._answer()
         for _ in range(MOST_LEAPS + 1):
             self._follow()
             if self._exponent == 0 or not self._leapt():
@@ -178,7 +185,7 @@ class Calming:
             while self._points > 0 and 0 < branch.parameter <= self._exponent + BACK:
                 self._points -= 1
                 if branch.advance(0.0) < self._exponent:
-                    kept, self._exponent = self.section.stored(), branch.parameter
+                    kept, self._exponent = self.section.stored(), max(branch.parameter, 0.0)
         except (LinearSolveError, SolverError):
             pass
         self._alter(self._exponent)

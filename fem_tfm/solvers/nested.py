@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from fem_tfm.errors import SolverError
 from fem_tfm.solvers import easing
@@ -26,12 +26,16 @@ GUIDE_TOLERANCE = 1e-6
 # shares of the largest number of steps: for one way to start, for a warm start, which needs a
 # handful of steps or never ends, and for lowering the mesh's terms
 PATIENCE, WARM_PATIENCE, FOLLOWING = 0.5, 0.2, 0.3
+# share of a correction that a full Newton step of a warm start has to remove: shorter steps do not
+# leave the neighbourhood of the answer
+WARM_DECREASE = 0.6
 # steps of a careful march end closer to their solution and grow slower
 CAREFUL: dict[str, Any] = {"loose": 0.1, "max_iterations": 15, "growth": 1.5, "saturate": False}
 # a neighbouring problem is approached in up to two to the power of this many parts, each of which
 # ends at this update; a part whose steps have to shrink below a share of the largest is halved
 HALVINGS, PART_TOLERANCE, LEAST_SHARE = 4, 5e-2, 0.5
-# strengths of the terms of the mesh, tried where the standard ones lead to no steady state
+# strengths of the terms of the mesh, tried where the standard ones lead to no steady state; the
+# first of them also starts a cold mesh
 RAISED = (4.0, 16.0)
 
 
@@ -115,36 +119,94 @@ def solve_level(
     """Steady state of one section from a cold start, or from another mesh's answer.
 
     A warm start takes the largest step at once. Where it falls back to steps below the first one
-    of a cold start, or wanders, it starts again with that first one, and then the section starts
-    cold. Then raised terms of the mesh calm it down and are lowered as far as the solution follows;
-    the section tells how far that was. What still fails starts cold and careful, and then with more
-    of these terms.
+    of a cold start, or wanders, it starts again with that first one. A cold start goes over a state
+    that stronger terms of the mesh hold up, and then without it. Then a calm state is followed to
+    the stated one, at raised terms of the mesh if need be, which are lowered as far as the solution
+    follows; the section tells how far that was. What still fails starts cold and careful, and then
+    with more of these terms.
 
     Raises
     ------
     SolverError
         nothing led to a steady state.
     """
-    quick, patient = _ways(section, control, previous, observer, scheme)
-    return _first_of([*quick, *patient], section, control, observer)
+    ways = _ways(section, control, previous, observer, scheme)
+    marches, last = ways.marches[:1], ways.marches[1:]
+    order = [*ways.near, *marches, *ways.direct, *last, *ways.calm, *ways.patient]
+    return _first_of(order, section, control, observer)
+
+
+class _Ways(NamedTuple):
+    """Ways to a steady state.
+
+    near : from the start that is likely to be near it
+    marches : in time, the likely first
+    direct : along a branch that leads straight to it
+    calm : along branches, with raised terms of the mesh if need be
+    patient : for where all of these fail
+    """
+
+    near: list[Way]
+    marches: list[Way]
+    direct: list[Way]
+    calm: list[Way]
+    patient: list[Way]
 
 
 def _ways(
     section: Any, control: PseudoTimeControl, previous: Any, observer: Observer, scheme: Scheme
-) -> tuple[list[Way], list[Way]]:
-    """Ways to a steady state: quick ones, then patient ones for where these fail."""
-    quick = [_warm(section, control, previous, observer, scheme)] if previous is not None else []
-    control = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
-    march, careful = (_march(section, c, observer) for c in (control, replace(control, **CAREFUL)))
+) -> _Ways:
+    """Ways from a cold start, or from the answer of another mesh."""
+    patient = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
+    march, careful = (_march(section, c, observer) for c in (patient, replace(patient, **CAREFUL)))
+    eased = _eased_ways(section, patient, observer, scheme)
+    cold = _standard(scheme, scheme.cold)
+    near: list[Way] = []
+    marches: list[Way] = [(march.run, cold)]
     if previous is not None:
-        quick.append((march.run, partial(_from, previous, scheme)))
-    eased = _eased_ways(section, control, observer, scheme)
-    quick += [(march.run, scheme.cold), *eased[:1]]
-    cold = scheme.cold
-    if scheme.ease is not None:
-        # a calm start that failed leaves its terms behind
-        cold = partial(_eased, scheme.ease, MeshTerms(), cold)
-    return quick, [(careful.run, cold), *eased[1:]]
+        warm = _standard(scheme, partial(_from, previous, scheme))
+        first = _march(section, _near(control), observer)
+        near.append((partial(first.run, control.largest), warm))
+        marches.insert(0, (march.run, warm))
+    elif scheme.ease is not None:
+        near.append(_braced(section, control, observer, scheme.ease, scheme.cold))
+    return _Ways(near, marches, eased[:1], eased[1:2], [(careful.run, cold), *eased[2:]])
+
+
+def _near(control: PseudoTimeControl) -> PseudoTimeControl:
+    """Steps from a start that is near the answer."""
+    few = math.ceil(WARM_PATIENCE * control.max_steps)
+    return replace(control, smallest=control.first, max_steps=few, decrease=WARM_DECREASE)
+
+
+def _from(previous: Any, scheme: Scheme, section: Any) -> None:
+    """Start from the answer of another mesh."""
+    scheme.warm(section, previous)
+
+
+def _standard(scheme: Scheme, begin: Start) -> Start:
+    """Start with the standard terms of the mesh: a start that failed may leave raised ones."""
+    return begin if scheme.ease is None else partial(_eased, scheme.ease, MeshTerms(), begin)
+
+
+def _braced(
+    section: Any, control: PseudoTimeControl, observer: Observer, ease: Ease, cold: Start
+) -> Way:
+    """The cold way over a state that stronger terms of the mesh hold up.
+
+    A coarse mesh has several steady states, and those of the standard terms that a cold start
+    finds differ by a factor of two; the one that continues the held-up state lies near the answer
+    of finer meshes.
+    """
+    few = math.ceil(WARM_PATIENCE * control.max_steps)
+    rough = replace(control, tolerance=max(control.tolerance, COARSE_TOLERANCE), max_steps=few)
+
+    def run() -> History:
+        _march(section, rough, observer).run()
+        ease(section, MeshTerms())
+        return _march(section, _near(control), observer).run(control.largest)
+
+    return run, partial(_eased, ease, MeshTerms(RAISED[0]), cold)
 
 
 def _first_of(
@@ -162,20 +224,6 @@ def _first_of(
     return run()
 
 
-def _warm(
-    section: Any, control: PseudoTimeControl, previous: Any, observer: Observer, scheme: Scheme
-) -> Way:
-    """The way from the answer of another mesh."""
-    few = math.ceil(WARM_PATIENCE * control.max_steps)
-    march = _march(section, replace(control, smallest=control.first, max_steps=few), observer)
-    return partial(march.run, control.largest), partial(_from, previous, scheme)
-
-
-def _from(previous: Any, scheme: Scheme, section: Any) -> None:
-    """Start from the answer of another mesh."""
-    scheme.warm(section, previous)
-
-
 def _eased_ways(
     section: Any, control: PseudoTimeControl, observer: Observer, scheme: Scheme
 ) -> list[Way]:
@@ -187,8 +235,8 @@ def _eased_ways(
     march, rate = march_of(section, observer), 10**easing.CALMEST
     follower = march(replace(control, max_steps=steps))
     starts: list[tuple[Callable[[], History], MeshTerms, Start]] = []
-    for strength in (1.0, RAISED[-1]):
-        calming = easing.Calming(section, march, control, ease, strength)
+    for strength, direct in ((1.0, True), (1.0, False), (RAISED[-1], False)):
+        calming = easing.Calming(section, march, control, ease, strength, direct)
         starts.append((calming.run, MeshTerms(strength, rate), calm))
     starts += [(march(control).run, MeshTerms(strength), scheme.cold) for strength in RAISED]
     return [
@@ -277,7 +325,8 @@ def refine(
 ) -> None:
     """Solve on one more mesh, from the answer on the finest one, and add it to the solution.
 
-    It takes the quick ways alone: the patient ones would take many minutes on a fine mesh.
+    The patient ways would take many minutes on a fine mesh, and are left out. A branch is followed
+    before a march, for it takes some hundred factorisations at most, and a march several hundred.
 
     Raises
     ------
@@ -289,8 +338,9 @@ def refine(
     compiled, cpu = time.perf_counter() - began, time.process_time()
     observer.begin(section, count, count + 1)
     control = scheme.control(section, tolerance, max_steps)
-    quick, _ = _ways(section, control, solution.section, observer, scheme)
-    history = _first_of(quick, section, control, observer)
+    ways = _ways(section, control, solution.section, observer, scheme)
+    order = [*ways.near, *ways.direct, *ways.marches, *ways.calm]
+    history = _first_of(order, section, control, observer)
     cpu = time.process_time() - cpu
     solution.levels.append(Level(section, history, float(section.drive.value), compiled, cpu))
 

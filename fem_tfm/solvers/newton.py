@@ -37,6 +37,8 @@ DIRECT = {
 REFINEMENTS, EXACT = 1, 1e-10
 # step lengths below this are a failure; corrections of this size are noise
 SHORTEST, ROUND_OFF = 0.01, 1e-8
+# share of a correction that a full step has to remove
+DECREASE = 0.25
 # polishing: each correction at most this share of the one before, and at most so many
 CONTRACTION, MOST_POLISHES = 0.3, 8
 
@@ -206,13 +208,14 @@ class BorderedNewton:
         """c_k(W) - target of each border."""
         return [self._constraint(border) for border in self.borders]
 
-    def step(self, saturate: bool = True) -> Update:
+    def step(self, saturate: bool = True, decrease: float = DECREASE) -> Update:
         """One Newton step on unknowns and multipliers, with one factorisation.
 
-        The step d is shortened until the simplified correction s = -J^-1 F(x + k d) is smaller than
-        d (natural monotonicity, which does not depend on the scaling of the equations); a full
-        step is followed by s itself.
+        The step k d is shortened until the simplified correction s = -J^-1 F(x + k d) has at most
+        the size of (1 - k decrease) d (natural monotonicity, which does not depend on the scaling
+        of the equations); a full step is followed by s itself.
 
+        decrease : share of the correction that a full step has to remove
         saturate : cut far-off unknowns one by one, which is quicker; False shortens the whole step,
             which keeps its direction and gets through where the other way does not
 
@@ -233,7 +236,7 @@ class BorderedNewton:
                 rest = self._sizes(follow)
             except LinearSolveError:
                 rest = {"": math.inf}
-            if max(rest.values()) <= (1 - length / 4) * max(size.values()) + ROUND_OFF:
+            if max(rest.values()) <= (1 - length * decrease) * max(size.values()) + ROUND_OFF:
                 break
             length /= 2
             if length < SHORTEST:

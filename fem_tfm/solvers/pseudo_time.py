@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from dolfinx import fem
 
 from fem_tfm.errors import SolverError
-from fem_tfm.solvers.newton import BorderedNewton, LinearSolveError
+from fem_tfm.solvers.newton import DECREASE, BorderedNewton, LinearSolveError
 from fem_tfm.solvers.step import StepControl, attempt
 
 # a steady state may still move by this many tolerances in a step of the largest dt
@@ -31,6 +31,7 @@ class PseudoTimeControl(StepControl):
     tolerance : relative update at which the steady state counts as reached
     max_steps : steps before giving up
     saturate : Newton limits each block by itself; False shortens its steps as a whole
+    decrease : share of a correction that a full Newton step has to remove
     """
 
     growth: float = 1.8
@@ -42,6 +43,7 @@ class PseudoTimeControl(StepControl):
     max_steps: int = 200
     max_iterations: int = 9
     saturate: bool = True
+    decrease: float = DECREASE
 
 
 @dataclass
@@ -179,7 +181,7 @@ class PseudoTime:
         self._keep()
         self.idt.value = 1.0 / dt
         for iteration in range(1, control.max_iterations + 1):
-            update = self.newton.step(control.saturate)
+            update = self.newton.step(control.saturate, control.decrease)
             if update.length == 1.0 and update.rest <= control.loose:
                 rest = update.rest
                 if dt >= control.largest and rest > control.tolerance:

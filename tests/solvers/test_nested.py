@@ -15,8 +15,8 @@ from fem_tfm.solvers.easing import MeshTerms
 from fem_tfm.solvers.pseudo_time import PseudoTimeControl
 
 
-def ways(previous: Any, told: list[Any]) -> tuple[list[Any], list[Any]]:
-    """Quick and patient ways of a section of which only its terms are looked at."""
+def ways(previous: Any, told: list[Any]) -> Any:
+    """Ways of a section of which only its terms are looked at."""
     scheme = replace(
         SCHEME,
         cold=lambda section: told.append("cold"),
@@ -31,22 +31,45 @@ def ways(previous: Any, told: list[Any]) -> tuple[list[Any], list[Any]]:
     return nested._ways(section, control, previous, nested.QUIET, scheme)
 
 
-@pytest.mark.parametrize(
-    ("previous", "first"), [(None, ["cold"]), (7, 2 * [("warm", 7)] + ["cold"])]
-)
-def test_a_calm_start_ends_the_quick_ways(previous: Any, first: list[Any]) -> None:
-    told: list[Any] = []
-    quick, _ = ways(previous, told)
-    for _, begin in quick:
+def starts(found: list[Any], told: list[Any]) -> list[Any]:
+    """What the starts of some ways do to the section."""
+    told.clear()
+    for _, begin in found:
         begin(None)
-    *plain, terms, last = told
-    assert plain == first and last == "calm"
-    assert terms.strength == 1.0 and terms.rate > 1
+    return list(told)
+
+
+def test_a_cold_mesh_starts_with_stronger_terms_and_then_without() -> None:
+    told: list[Any] = []
+    found = ways(None, told)
+    assert starts(found.near, told) == [MeshTerms(4.0), "cold"]
+    assert starts(found.marches, told) == [MeshTerms(), "cold"]
+
+
+def test_a_finer_mesh_starts_from_the_coarser_answer_and_then_cold() -> None:
+    """Each with the standard terms of the mesh: a way before may have raised them."""
+    told: list[Any] = []
+    found = ways(7, told)
+    assert starts(found.near, told) == [MeshTerms(), ("warm", 7)]
+    assert starts(found.marches, told) == [MeshTerms(), ("warm", 7), MeshTerms(), "cold"]
+
+
+@pytest.mark.parametrize("kind", ["direct", "calm"])
+def test_a_calm_start_raises_the_least_rate_alone(kind: str) -> None:
+    told: list[Any] = []
+    terms, start = starts(getattr(ways(None, told), kind), told)
+    assert start == "calm" and terms.strength == 1.0 and terms.rate > 1
 
 
 def test_a_careful_start_has_the_standard_terms_of_the_mesh() -> None:
     """The calm start before it has raised them."""
     told: list[Any] = []
-    _, patient = ways(None, told)
-    patient[0][1](None)
-    assert told == [MeshTerms(), "cold"]
+    assert starts(ways(None, told).patient[:1], told) == [MeshTerms(), "cold"]
+
+
+def test_a_section_without_such_terms_has_the_marches_alone() -> None:
+    section = SimpleNamespace(newton=None, old=None, idt=None)
+    control = PseudoTimeControl(first=1e-3, largest=1e3, smallest=1e-9)
+    scheme = replace(SCHEME, ease=None, calm=None)
+    found = nested._ways(section, control, None, nested.QUIET, scheme)
+    assert not [*found.near, *found.direct, *found.calm] and len(found.patient) == 1

@@ -95,6 +95,24 @@ def test_corrections_shrink_quadratically() -> None:
     assert sizes[2] < 1e-3 * sizes[1]
 
 
+@pytest.mark.parametrize("decrease", [0.25, 0.6, 0.9])
+def test_a_step_removes_the_share_that_is_asked_for(decrease: float) -> None:
+    """Mean 3 from rest is far away: a full step removes little of its correction."""
+    problem = Membrane(mean=3.0)
+    problem.newton.step()
+    update = problem.newton.step(decrease=decrease)
+    assert update.rest <= (1 - update.length * decrease) * update.size * (1 + 1e-9)
+
+
+def test_steps_that_have_to_remove_more_are_shorter() -> None:
+    lengths = []
+    for decrease in (0.25, 0.9):
+        problem = Membrane(mean=3.0)
+        problem.newton.step()
+        lengths.append(problem.newton.step(decrease=decrease).length)
+    assert lengths[1] < lengths[0]
+
+
 def test_a_neighbouring_problem_is_approached_without_a_factorisation() -> None:
     problem = Membrane()
     problem.march.run()
