@@ -126,11 +126,11 @@ class Section(ABC):
 
     def build(self, progress: Callable[[str], None]) -> None:
         """Compile the forms side by side and make the solver; `progress` hears what is compiled."""
+        progress("residual, Jacobian and constraints")
         form, borders = self.residual(self._test()), self.borders()
         wanted = [form, ufl.derivative(form, self.now, ufl.TrialFunction(self.space))]
         for border in borders:
             wanted += [border.column, border.constraint, border.row]
-        progress("residual, Jacobian and constraints")
         residual, jacobian, *rest = compile_forms(wanted)
         parts = zip(borders, rest[::3], rest[1::3], rest[2::3], strict=True)
         borders = [replace(b, column=c, constraint=g, row=r) for b, c, g, r in parts]

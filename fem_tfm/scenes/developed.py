@@ -317,8 +317,7 @@ class SectionRecorder(Recorder, Observer):
 
     def compiling(self, what: str) -> None:
         """Tell which form is prepared, on the first mesh: later ones find it in the cache."""
-        if what == "residual":
-            self.lap("solve" if self.begun else "setup")
+        self.lap("solve" if self.begun else "setup")
         if not self.begun:
             self.progress.stage(f"forms: {what} (compiled once for each choice of closures)")
 

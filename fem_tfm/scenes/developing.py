@@ -383,8 +383,7 @@ class LineRecorder(Recorder):
 
     def compiling(self, what: str) -> None:
         """Tell which form is prepared."""
-        if what == "residual":
-            self.lap("setup")
+        self.lap("setup")
         self.progress.stage(f"forms: {what} (compiled once for each choice of closures)")
 
     def begin(self, line: Line) -> None:
