@@ -119,11 +119,11 @@ def solve_level(
     """Steady state of one section from a cold start, or from another mesh's answer.
 
     A warm start takes the largest step at once. Where it falls back to steps below the first one
-    of a cold start, or wanders, it starts again with that first one. A cold start goes over a state
-    that stronger terms of the mesh hold up, and then without it. Then a calm state is followed to
-    the stated one, at raised terms of the mesh if need be, which are lowered as far as the solution
-    follows; the section tells how far that was. What still fails starts cold and careful, and then
-    with more of these terms.
+    of a cold start, or wanders, a calm state is followed to the stated one; then the warm start is
+    made again with that first step. A cold start goes over a state that stronger terms of the mesh
+    hold up, and then without it. Then a calm state is followed to the stated one as far as may be,
+    and the section tells how far that was. What still fails starts cold and careful, and then with
+    more of the mesh's terms, which are lowered as far as the solution follows.
 
     Raises
     ------
@@ -131,46 +131,40 @@ def solve_level(
         nothing led to a steady state.
     """
     ways = _ways(section, control, previous, observer, scheme)
-    marches, last = ways.marches[:1], ways.marches[1:]
-    order = [*ways.near, *marches, *ways.direct, *last, *ways.calm, *ways.patient]
-    return _first_of(order, section, control, observer)
+    return _first_of([*ways.quick, *ways.patient], section, control, observer)
 
 
 class _Ways(NamedTuple):
-    """Ways to a steady state.
+    """Ways to a steady state: quick ones, and patient ones for where these fail."""
 
-    near : from the start that is likely to be near it
-    marches : in time, the likely first
-    direct : along a branch that leads straight to it
-    calm : along branches, with raised terms of the mesh if need be
-    patient : for where all of these fail
-    """
-
-    near: list[Way]
-    marches: list[Way]
-    direct: list[Way]
-    calm: list[Way]
+    quick: list[Way]
     patient: list[Way]
 
 
 def _ways(
     section: Any, control: PseudoTimeControl, previous: Any, observer: Observer, scheme: Scheme
 ) -> _Ways:
-    """Ways from a cold start, or from the answer of another mesh."""
+    """Ways from a cold start, or from the answer of another mesh.
+
+    On a finer mesh a branch is followed before a march: it takes some hundred factorisations at
+    most, and a march that fails several hundred.
+    """
     patient = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
     march, careful = (_march(section, c, observer) for c in (patient, replace(patient, **CAREFUL)))
     eased = _eased_ways(section, patient, observer, scheme)
+    direct, calm, eased = eased[:1], eased[1:2], eased[2:]
     cold = _standard(scheme, scheme.cold)
-    near: list[Way] = []
-    marches: list[Way] = [(march.run, cold)]
+    quick: list[Way] = []
     if previous is not None:
         warm = _standard(scheme, partial(_from, previous, scheme))
-        first = _march(section, _near(control), observer)
-        near.append((partial(first.run, control.largest), warm))
-        marches.insert(0, (march.run, warm))
-    elif scheme.ease is not None:
-        near.append(_braced(section, control, observer, scheme.ease, scheme.cold))
-    return _Ways(near, marches, eased[:1], eased[1:2], [(careful.run, cold), *eased[2:]])
+        near = _march(section, _near(control), observer)
+        quick = [(partial(near.run, control.largest), warm), *direct, (march.run, warm)]
+        quick += [(march.run, cold), *calm]
+    else:
+        if scheme.ease is not None:
+            quick.append(_braced(section, control, observer, scheme.ease, scheme.cold))
+        quick += [(march.run, cold), *direct, *calm]
+    return _Ways(quick, [(careful.run, cold), *eased])
 
 
 def _near(control: PseudoTimeControl) -> PseudoTimeControl:
@@ -325,8 +319,7 @@ def refine(
 ) -> None:
     """Solve on one more mesh, from the answer on the finest one, and add it to the solution.
 
-    The patient ways would take many minutes on a fine mesh, and are left out. A branch is followed
-    before a march, for it takes some hundred factorisations at most, and a march several hundred.
+    It takes the quick ways alone: the patient ones would take many minutes on a fine mesh.
 
     Raises
     ------
@@ -339,8 +332,7 @@ def refine(
     observer.begin(section, count, count + 1)
     control = scheme.control(section, tolerance, max_steps)
     ways = _ways(section, control, solution.section, observer, scheme)
-    order = [*ways.near, *ways.direct, *ways.marches, *ways.calm]
-    history = _first_of(order, section, control, observer)
+    history = _first_of(ways.quick, section, control, observer)
     cpu = time.process_time() - cpu
     solution.levels.append(Level(section, history, float(section.drive.value), compiled, cpu))
 

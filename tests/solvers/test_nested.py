@@ -7,10 +7,8 @@ from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
-import pytest
-
 from fem_tfm.scenes.dense import SCHEME
-from fem_tfm.solvers import nested
+from fem_tfm.solvers import easing, nested
 from fem_tfm.solvers.easing import MeshTerms
 from fem_tfm.solvers.pseudo_time import PseudoTimeControl
 
@@ -39,26 +37,20 @@ def starts(found: list[Any], told: list[Any]) -> list[Any]:
     return list(told)
 
 
-def test_a_cold_mesh_starts_with_stronger_terms_and_then_without() -> None:
+CALM = [MeshTerms(rate=10**easing.CALMEST), "calm"]
+
+
+def test_a_cold_mesh_starts_with_stronger_terms_then_without_then_calm() -> None:
     told: list[Any] = []
-    found = ways(None, told)
-    assert starts(found.near, told) == [MeshTerms(4.0), "cold"]
-    assert starts(found.marches, told) == [MeshTerms(), "cold"]
+    expected = [MeshTerms(4.0), "cold", MeshTerms(), "cold", *CALM, *CALM]
+    assert starts(ways(None, told).quick, told) == expected
 
 
-def test_a_finer_mesh_starts_from_the_coarser_answer_and_then_cold() -> None:
+def test_a_finer_mesh_starts_from_the_coarser_answer_then_calm_then_cold() -> None:
     """Each with the standard terms of the mesh: a way before may have raised them."""
     told: list[Any] = []
-    found = ways(7, told)
-    assert starts(found.near, told) == [MeshTerms(), ("warm", 7)]
-    assert starts(found.marches, told) == [MeshTerms(), ("warm", 7), MeshTerms(), "cold"]
-
-
-@pytest.mark.parametrize("kind", ["direct", "calm"])
-def test_a_calm_start_raises_the_least_rate_alone(kind: str) -> None:
-    told: list[Any] = []
-    terms, start = starts(getattr(ways(None, told), kind), told)
-    assert start == "calm" and terms.strength == 1.0 and terms.rate > 1
+    warm, cold = [MeshTerms(), ("warm", 7)], [MeshTerms(), "cold"]
+    assert starts(ways(7, told).quick, told) == [*warm, *CALM, *warm, *cold, *CALM]
 
 
 def test_a_careful_start_has_the_standard_terms_of_the_mesh() -> None:
@@ -72,4 +64,4 @@ def test_a_section_without_such_terms_has_the_marches_alone() -> None:
     control = PseudoTimeControl(first=1e-3, largest=1e3, smallest=1e-9)
     scheme = replace(SCHEME, ease=None, calm=None)
     found = nested._ways(section, control, None, nested.QUIET, scheme)
-    assert not [*found.near, *found.direct, *found.calm] and len(found.patient) == 1
+    assert len(found.quick) == len(found.patient) == 1
