@@ -61,9 +61,9 @@ class Material(Parameters):
         None, "-", "geometric standard deviation, or exponent of Rosin and Rammler", gt=0, le=100
     )
     temperature: float | None = parameter(
-        None, "K", "temperature at the entrance, default that of the gas", gt=0, le=5000
+        None, "K", "temperature at the entrance, default that of the gas", ge=100, le=5000
     )
-    heat_capacity: float = parameter(800.0, "J/kg/K", "heat capacity", gt=0, le=1e5)
+    heat_capacity: float = parameter(800.0, "J/kg/K", "heat capacity", ge=50, le=1e5)
     table: ClassVar[str] = "materials"
 
     def __post_init__(self) -> None:

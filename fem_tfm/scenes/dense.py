@@ -7,6 +7,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
+from fem_tfm.correlations import friction_velocity
 from fem_tfm.errors import SolverError
 from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.models import transfer
@@ -76,6 +77,10 @@ COMPILE_TIME, COMPILE_TIME_PER_SCALE = 15, 11
 # on the line of the README: it starts several times; and once more, measured on cement and alumina,
 # where eddies lift such grains: meshes disagree and finer ones follow
 BED_FACTOR, LIFTED_FACTOR = 10, 3
+
+
+# distances of a wall law over the diameter: the largest, and the default, below which y+ counts
+LARGEST_OFFSET, LEAST_OFFSET, LEAST_Y_PLUS = 0.1, 0.01, 5.0
 
 
 def with_wall_cell(physics: Physics) -> Resolution:
@@ -396,6 +401,7 @@ def advice(scene: Any) -> list[str]:
             f" wall, {1e3 * wanted:.2g} mm, and these have {1e3 * height:.2g} mm: leave"
             " numerics.wall_grading out, or take 'log-law', which does without"
         )
+    said += _of_the_wall_distance(scene, wanted is not None)
     if solids and laws.theta == "algebraic" and laws.solids_wall.name == "rough":
         said.append(
             "walls.solids = 'rough' throws grains off by the heat of the wall, which closures.theta"
@@ -405,6 +411,29 @@ def advice(scene: Any) -> list[str]:
         said += laminarised(scene)
     if solids:
         said += plausible.crowded(laws.solids_wall, scene.feed.solids_fraction)
+    return said
+
+
+def _of_the_wall_distance(scene: Any, resolved: bool) -> list[str]:
+    """Whether a wall law holds at the distance that is given.
+
+    resolved : whether the law wants cells in the sublayer
+    """
+    offset, width, gas = scene.wall_offset, scene.geometry.hydraulic_diameter, scene.model.gas
+    said = []
+    if offset > LARGEST_OFFSET * width:
+        said.append(
+            f"walls.distance = {offset:.3g} m is above a tenth of the hydraulic diameter"
+            f" {width:g} m, and a wall law is made for the layer at the wall"
+        )
+    if scene.reynolds > TURBULENT and 0 < offset < LEAST_OFFSET * width and not resolved:
+        viscosity = gas.viscosity / gas.density
+        y_plus = offset * friction_velocity(scene.feed.gas_velocity, width, viscosity) / viscosity
+        if y_plus < LEAST_Y_PLUS:
+            said.append(
+                f"walls.distance = {offset:.3g} m is y+ = {y_plus:.2g}, inside the sublayer, which"
+                f" needs cells as thin; a wall law holds from y+ = {LEAST_Y_PLUS:g}"
+            )
     return said
 
 

@@ -32,6 +32,7 @@ def scene(cls: Any = ft.Developed, *, material: ft.Material | None = None, **clo
         ({"coupling": "two-way"}, {}, "particles.coupling", "solution = 'developing' couples"),
         ({"injection": "points", "points": ((0.1, 0.0, 1.0),)}, {}, "particles.points", "0.1 m"),
         ({"injection": "points", "points": ((0.3, 0.0, 1.0),)}, {}, "particles.points", "inside"),
+        ({}, {"temperature": 350.0}, "materials[0].temperature", "particles.heat = false"),
         (
             {},
             {"diameter": 0.09, "size": "lognormal", "spread": 2.0},
@@ -180,3 +181,10 @@ def test_a_gas_that_lifts_no_particle_is_told() -> None:
     model = ft.TwoFluid(ft.Gas(1.2, 1.8e-5))
     told = ft.Developed(model, riser, ft.Feed(2.0), particles=cloud).warnings()
     assert any("more slowly than a grain falls" in text for text in told)
+
+
+def test_particles_that_enter_much_faster_than_the_gas_are_told() -> None:
+    """150 km/h taken for m/s."""
+    told = scene(material=ash(velocity=150.0)).warnings()
+    assert any("velocity at the entrance over that of the gas 6.818" in text for text in told)
+    assert not any("velocity at the entrance" in text for text in scene().warnings())

@@ -56,6 +56,10 @@ def test_a_plausible_case_has_no_doubts() -> None:
         ("operation.gas_superficial_velocity", 120.0, "that of sound 0.3497: its motion alone"),
         ("solids.diameter", 1e-7, "by Cunningham 2.886: the gas slips along grains of 0.1 um"),
         ("operation.gas_superficial_velocity", 1.0, "more slowly than a grain falls: it lifts"),
+        ("operation.outlet_pressure", 2e7, "over that of the gas 200: the gas has its density at"),
+        ("solids.friction_angle_deg", 0.5585, "friction 0.5585 deg: grains have 15 to 45; is"),
+        ("walls.distance", 0.02, "walls.distance = 0.02 m is above a tenth of the hydraulic"),
+        ("walls.distance", 5e-7, "inside the sublayer, which needs cells as thin"),
     ],
 )
 def test_a_slip_of_units_is_told_with_the_number_that_gives_it_away(
@@ -118,7 +122,12 @@ def test_every_flow_doubts_its_gas_and_names_a_cause_once(
         (TUBE, "gas.reference_pressure", 1.0, "is that in Pa, not in bar?"),
         (GAS_ALONE, "operation.gas_superficial_velocity", 0.3, "closures.turbulence = 'laminar'"),
         (GAS_ALONE, "operation.gas_superficial_velocity", 0.005, "nothing is turbulent there"),
-        (GAS_ALONE, "geometry.length", 1e4, "4.032 (that of air of this density): a gas of one"),
+        (
+            GAS_ALONE,
+            "geometry.length",
+            1500.0,
+            "0.6049 (that of air of this density): a gas of one",
+        ),
         (GAS_ALONE, "operation.outlet_pressure", 1.0, "outlet_pressure = 1 in Pa, not in bar?"),
     ],
 )
@@ -337,3 +346,43 @@ def test_a_run_ends_at_its_time_limit_and_goes_on(solution: str, tmp_path: Path)
     rest = case.scene.run(tmp_path / "run", resume=True)
     whole = case.scene.run()
     assert rest["pressure_drop"] == pytest.approx(whole["pressure_drop"], rel=1e-6)
+
+
+@pytest.mark.parametrize("tables", [RISER, GAS_ALONE, TUBE])
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"operation.gravity": 32.2}, "gravity 32.2 m/s2: is operation.gravity in m/s2, not in ft"),
+        ({"geometry.inclination_deg": 1.5708}, "in degrees, not in radians (90 deg)?"),
+        ({"geometry.inclination_deg": -0.7854}, "in degrees, not in radians (-45 deg)?"),
+    ],
+)
+def test_a_line_doubts_its_angles_and_gravity(
+    tables: dict[str, Any], changes: dict[str, Any], word: str
+) -> None:
+    found = Case.from_dict(tables).with_values(changes).scene.derived()
+    assert any(word in text for text in doubts(found))
+
+
+@pytest.mark.parametrize("tables", [RISER, GAS_ALONE, TUBE])
+@pytest.mark.parametrize("angle", [0.0, 1.0, 5.0, 45.0, -90.0])
+def test_slopes_in_degrees_are_not_doubted(tables: dict[str, Any], angle: float) -> None:
+    found = Case.from_dict(tables).with_values({"geometry.inclination_deg": angle}).scene.derived()
+    assert not any("radians" in number.doubt for number in found)
+
+
+def test_a_wide_or_very_long_line_is_doubted() -> None:
+    wide = {"geometry.diameter": 5.0, "geometry.length": 20.0}
+    assert any("hydraulic diameter 5 m" in text for text in riser(**wide).scene.warnings())
+    tube = Case.from_dict(TUBE).with_values({"geometry.length": 150.0})
+    assert any("geometry.length = 150 in m, not in mm?" in t for t in tube.scene.warnings())
+
+
+def test_a_light_solid_is_named_where_its_flux_is_refused() -> None:
+    with pytest.raises(InputError, match=r"solids.density = 1.4 is in kg/m3, not g/cm3"):
+        riser(solids__density=1.4, operation__solids_mass_flow=1.0).scene.examine()
+
+
+def test_grains_beyond_the_memory_of_the_machine_are_refused() -> None:
+    with pytest.raises(InputError, match=r"geometry.length.* needs about .* MB of memory"):
+        Case.from_dict(TUBE).with_values({"geometry.diameter": 7.0})

@@ -98,7 +98,7 @@ class Schneiderbauer(SolidsWall):
 
     flat: ClassVar[bool] = True
     restitution: float = parameter(0.5, "-", "wall restitution e_w", ge=0, le=1)
-    friction_coefficient: float = parameter(0.5, "-", "wall friction mu_w", ge=0)
+    friction_coefficient: float = parameter(0.5, "-", "wall friction mu_w", ge=0, le=3)
     tangential_restitution: float = parameter(
         0.3, "-", "tangential restitution beta_0 of sticking collisions", gt=-1, le=1
     )
@@ -185,7 +185,7 @@ class Coulomb(SolidsWall):
     Source: Coulomb (1785); p_kin of Lun et al. (1984), J. Fluid Mech. 140, 223-256.
     """
 
-    friction_coefficient: float = parameter(0.5, "-", "wall friction mu_w", ge=0)
+    friction_coefficient: float = parameter(0.5, "-", "wall friction mu_w", ge=0, le=3)
     sliding_heat: float = parameter(0.0, "-", "share of the work that heats the grains", ge=0, le=1)
     slip_floor: float = _slip_floor()
 

@@ -27,10 +27,10 @@ class Heat(Parameters):
 
     wall: Literal["flux", "temperature"] = parameter("flux", doc="what is constant along the walls")
     prandtl: float = parameter(0.71, "-", "Prandtl number of the gas", gt=0.1, le=1e4)
-    heat_capacity: float = parameter(1006.0, "J/kg/K", "at constant pressure", gt=0, le=1e5)
+    heat_capacity: float = parameter(1006.0, "J/kg/K", "at constant pressure", ge=50, le=1e5)
     wall_flux: float = parameter(1000.0, "W/m2", "heat flux with wall = 'flux'", ge=-1e9, le=1e9)
     wall_temperature: float = parameter(
-        350.0, "K", "temperature with wall = 'temperature'", gt=0, le=5000
+        350.0, "K", "temperature with wall = 'temperature'", ge=100, le=5000
     )
     table: ClassVar[str] = "heat"
 

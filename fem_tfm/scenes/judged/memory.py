@@ -27,14 +27,21 @@ def section_cells(section: Section, resolution: Resolution) -> float:
 
 def check_memory(megabytes: float, resolution: Any) -> None:
     """Refuse a mesh that needs more memory than the machine has; raises InputError."""
+    name = "level" if resolution.mesh_size is None else "mesh_size"
+    refuse_beyond(megabytes, f"numerics.{name}", getattr(resolution, name), "a coarser mesh: it")
+
+
+def refuse_beyond(megabytes: float, key: str, value: Any, cure: str) -> None:
+    """Refuse what needs more memory than the machine has; raises InputError for a key.
+
+    cure : what would need less, and what needs this much
+    """
     known = machine_memory()
     if known is not None and megabytes > known:
-        name = "level" if resolution.mesh_size is None else "mesh_size"
         words = (
-            f"a coarser mesh: it needs about {megabytes:.0f} MB of memory and the machine has"
-            f" {known:.0f} MB"
+            f"{cure} needs about {megabytes:.0f} MB of memory and the machine has {known:.0f} MB"
         )
-        raise InputError(f"numerics.{name}", getattr(resolution, name), words)
+        raise InputError(key, value, words)
 
 
 def machine_memory() -> float | None:

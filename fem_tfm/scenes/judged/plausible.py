@@ -25,13 +25,17 @@ from fem_tfm.scenes.judged.gas import (
     solids_flux,
 )
 from fem_tfm.scenes.judged.grains import (
+    LIGHT_GRAINS,
     is_steep,
     of_falling,
     of_saltation,
     of_the_grains,
     saltation_velocity,
 )
+from fem_tfm.scenes.judged.line import of_the_line, of_the_pressures
 
+# angle of internal friction that was hardly meant [deg]
+LEAST_ANGLE = 5.0
 # loadings outside of which nothing is conveyed
 LEAST_LOADING, LARGEST_LOADING = 1e-4, 300.0
 # a flux of solids needs a velocity beyond these over and above that of the gas [-], [m/s]
@@ -51,7 +55,7 @@ LARGEST_DROP, LEAST_OUTLET = 0.4, 1000.0
 
 def derived(scene: Any) -> list[Derived]:
     """The numbers of a line that is fed with gas, and with solids where it has any."""
-    found = [*of_the_gas(scene)]
+    found = [*of_the_gas(scene), *of_the_line(scene), *of_the_pressures(scene)]
     if scene.model.solids is not None and scene.solids_feed is not None:
         found += _of_the_solids(scene, is_doubted(found))
     return [*found, *_of_the_drop(scene, any(number.doubt for number in found))]
@@ -60,6 +64,9 @@ def derived(scene: Any) -> list[Derived]:
 def _of_the_solids(scene: Any, blamed: bool) -> Iterator[Derived]:
     solids, feed = scene.model.solids, scene.feed
     yield from of_the_grains(scene, solids, "solids", blamed)
+    if solids.friction_angle_deg < LEAST_ANGLE:
+        doubt = "grains have 15 to 45; is solids.friction_angle_deg in degrees, not in radians?"
+        yield Derived("angle of internal friction", solids.friction_angle_deg, "deg", doubt)
     (kind, _), flux = scene.solids_feed, solids_flux(scene)
     if kind == "flux":
         doubt = ""
@@ -267,9 +274,11 @@ def check_flux(scene: Any) -> None:
     (kind, flux), gas, limit = scene.solids_feed, scene.feed.gas_velocity, scene.model.solids
     most = limit.packing_limit * max(FAST * gas, gas + FASTER_BY)
     if kind == "flux" and flux > most:
-        key = scene.feed.solids_key
+        key, light = scene.feed.solids_key, scene.model.solids.density < LIGHT_GRAINS
         words = (
             f"less: it is a superficial velocity of {flux:.4g} m/s beside gas at {gas:g} m/s,"
             f" and packed grains at {FAST:g} times that carry {most:.4g} m/s; units are SI"
         )
+        if light:
+            words += f" (solids.density = {scene.model.solids.density:g} is in kg/m3, not g/cm3)"
         raise InputError(f"operation.{key}", getattr(scene.feed, key), words)

@@ -25,6 +25,8 @@ ONE_WAY_LOADING = 0.05
 RELATIVE, MEETING = 0.03, 0.3
 # Reynolds number at which a law of lone particles is near Stokes's, and how far it may be
 CREEPING, BED_LAW = 0.01, 0.5
+# velocity of particles at the entrance over that of the gas that was hardly meant
+FASTEST = 3.0
 # beyond this fraction a cloud of parcels is no model
 DENSE = 0.1
 # measured: steps of a parcel over a line in units of its eddies, CPU time of a step [s]
@@ -90,6 +92,9 @@ def check(scene: Any, two_way: bool) -> None:
         if largest >= min(width, height):
             words = f"a diameter below {min(width, height):g} m, to fit in the section"
             raise InputError(f"{key}.diameter", largest, words)
+        if material.temperature is not None and not cloud.heat:
+            words = "none with particles.heat = false, where no particle has a temperature"
+            raise InputError(f"{key}.temperature", material.temperature, words)
         if material.velocity == 0:
             words = "a velocity above 0, or nothing enters"
             raise InputError(f"{key}.velocity", material.velocity, words)
@@ -145,6 +150,12 @@ def _of_a_material(scene: Any, material: Material, at: int, blamed: bool) -> Ite
     """What a grain of a material gives away; parcels form no bed."""
     grains = Solids(material.density, material.diameter)
     yield from of_the_grains(scene, grains, f"particles.materials[{at}]", blamed)
+    if material.velocity is not None and material.velocity > FASTEST * scene.feed.gas_velocity:
+        ratio = material.velocity / scene.feed.gas_velocity
+        doubt = (
+            f"is particles.materials[{at}].velocity = {material.velocity:g} in m/s, not in km/h?"
+        )
+        yield Derived("velocity at the entrance over that of the gas", ratio, "", doubt)
     if "gravity" not in scene.particles.forces or not scene.feed.gravity > 0:
         return
     yield of_falling(scene, grains)

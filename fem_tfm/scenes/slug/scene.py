@@ -27,6 +27,8 @@ from fem_tfm.output.slug.files import FILES
 from fem_tfm.parameters import Parameters, parameter
 from fem_tfm.scenes.judged.gas import Derived, is_doubted, of_the_gas
 from fem_tfm.scenes.judged.grains import of_the_grains
+from fem_tfm.scenes.judged.line import of_the_line
+from fem_tfm.scenes.judged.memory import refuse_beyond
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.physics import Physics
 from fem_tfm.scenes.recorder import Setting
@@ -34,8 +36,9 @@ from fem_tfm.scenes.scene import Answer, Scene
 from fem_tfm.scenes.slug.recorder import TubeRecorder
 from fem_tfm.scenes.statement import wall_time_limit
 
-# measured on the demo: CPU time of a grain and step [s], of a gas step and node [s], memory [MB]
-GRAIN_TIME, GAS_TIME, MEMORY = 5e-8, 1.1e-6, 350
+# measured on the demo: CPU time of a grain and step [s], of a gas step and node [s], memory [MB];
+# on packed grains: memory of a grain with its neighbours [MB]
+GRAIN_TIME, GAS_TIME, MEMORY, GRAIN_MEMORY = 5e-8, 1.1e-6, 350, 1.6e-3
 # share of the tube that is told of without other wishes
 STRETCH = (0.38, 0.86)
 OUTPUTS = 20
@@ -152,6 +155,8 @@ class Slug(Scene[Physics, TubeRecorder]):
         # what does not fit is refused before anything is written
         checked_feed(self.geometry, self.model.solids, self.feed, self.numerics)
         assert self.extent.nodes > 0
+        words = "a smaller tube, or larger grains: what is inside"
+        refuse_beyond(self.expected_memory, "geometry.length", self.geometry.length, words)
 
     def _check_wall(self) -> None:
         """The triangles of the wall belong to a law of wear, and are not too many."""
@@ -340,7 +345,7 @@ class Slug(Scene[Physics, TubeRecorder]):
 
     def derived(self) -> list[Derived]:
         """Numbers of gas and grains, and what they give away."""
-        found = [*of_the_gas(self)]
+        found = [*of_the_gas(self), *of_the_line(self)]
         blamed = is_doubted(found)
         found += of_the_grains(self, self.model.solids, "solids", blamed)
         return [*found, self._inertia(any(number.doubt for number in found))]
@@ -402,6 +407,11 @@ class Slug(Scene[Physics, TubeRecorder]):
         grain = self.model.solids.mean_mass / self.model.solids.density
         return float(0.2 * self.geometry.length * self.geometry.area / grain)
 
+    @property
+    def expected_memory(self) -> float:
+        """About the memory of a run [MB]."""
+        return MEMORY + GRAIN_MEMORY * self.expected_grains
+
     def expected_time(self) -> float:
         """About the CPU time of a run [s]."""
         extent, steps = self.extent, self.numerics.end_time / self.numerics.gas_step
@@ -436,7 +446,7 @@ class Slug(Scene[Physics, TubeRecorder]):
                 f"from {self.begin:.3g} s, between {self.stretch[0]:.3g} and"
                 f" {self.stretch[1]:.3g} m"
             ),
-            "memory": f"about {MEMORY} MB",
+            "memory": f"about {self.expected_memory:.0f} MB",
             "time": f"about {self.expected_time():.0f} s, if {grains:.0f} grains are inside",
         }
 
