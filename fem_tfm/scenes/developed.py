@@ -180,7 +180,10 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
         cells, unknowns = physics.size
         cost = physics.cost(unknowns)
         return describe(self, physics.solved_words, physics.given()) | {
-            "meshes": ", ".join(f"{1e3 * size:.3g} mm" for size in sizes) + " core cells in turn",
+            "meshes": (
+                ", ".join(f"{1e3 * size:.3g} mm" for size in sizes)
+                + " core cells in turn; finer ones follow if they disagree"
+            ),
             "finest_mesh": f"{cells} cells, about {unknowns} unknowns",
             "memory": f"about {cost['memory']:.0f} MB",
             "time": time_words(self.expected_time(), cost["compile"]),
@@ -313,7 +316,7 @@ class SectionRecorder(Recorder, Observer):
         self.level = self.steps = 0
         self.told: dict[str, Any] | None = None
         self.begun: list[Any] = []
-        self._levels = 1
+        self._levels, self._share = 1, 0.0
 
     def compiling(self, what: str) -> None:
         """Tell which form is prepared, on the first mesh: later ones find it in the cache."""
@@ -325,7 +328,7 @@ class SectionRecorder(Recorder, Observer):
         """A mesh is ready."""
         self.lap("compile")
         self.begun.append(section)
-        self._begun_level, self._levels = level, levels
+        self._begun_level, self._levels, self._share = level, levels, 0.0
         text = (
             f"mesh {level + 1} of {levels}: {section.mesh.num_cells} cells, {section.dofs} unknowns"
         )
@@ -379,7 +382,9 @@ class SectionRecorder(Recorder, Observer):
         bounds = self.physics.first_step, LARGEST_STEP
         first, last = (math.log(bound * unit) for bound in bounds)
         share = min(max((math.log(dt) - first) / (last - first), 0.0), 1.0)
-        return (self.level + 0.9 * share) / self._levels
+        # a start that failed is followed by another, whose first steps are short again
+        self._share = max(self._share, share)
+        return (self.level + 0.9 * self._share) / self._levels
 
     def step_back(self) -> None:
         """Go back to the last accepted state and keep it."""
