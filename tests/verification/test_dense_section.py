@@ -161,10 +161,13 @@ def test_warm_start_is_cheap() -> None:
 
 
 def test_a_warm_start_that_loses_its_lead_gives_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It takes no step below the first one of a cold start, with which it then starts again."""
+    """It takes no step below the first one of a cold start, with which it then starts again.
+
+    In between a calm state is tried, which fails here as well.
+    """
     given, step = solved(numerics__level=1), PseudoTime._step
     section = Section(given.section.mesh, given.section.setup)
-    astray, tried, starts = [True], list[float](), list[Any]()
+    astray, tried, starts, calms = [True], list[float](), list[Any](), list[int]()
 
     def fails(march: PseudoTime, dt: float) -> dict[str, float]:
         if astray:
@@ -179,13 +182,17 @@ def test_a_warm_start_that_loses_its_lead_gives_way(monkeypatch: pytest.MonkeyPa
             astray.clear()
         dense.SCHEME.warm(found, other)
 
+    def calm(found: Section) -> None:
+        calms.append(len(tried))
+        initial.calm(found)
+
     monkeypatch.setattr(PseudoTime, "_step", fails)
-    scheme = replace(dense.SCHEME, warm=warm)
+    scheme = replace(dense.SCHEME, warm=warm, calm=calm)
     control = dense.SCHEME.control(section, 1e-9, 200)
     nested.solve_level(section, control, given.section, nested.QUIET, scheme)
     assert tried[0] == control.largest
-    assert control.first <= tried[-1] < 100 * control.first
-    assert starts == 2 * [given.section]
+    assert len(calms) == 1 and control.first <= tried[calms[0] - 1] < 100 * control.first
+    assert starts == 2 * [given.section] and not section.mesh_terms.raised
     assert float(section.drive.value) == pytest.approx(drive(given), rel=1e-7)
 
 
