@@ -245,10 +245,11 @@ def parcels(cloud: Cloud, number: int, section: Section, gas_flow: float) -> Ent
 
     gas_flow : mass flow of the gas [kg/s]
     """
+    # imported here, as it takes half a second and most cases draw none
+    from scipy.stats import qmc
+
     material = cloud.materials[number]
     count = cloud.parcels * cloud.entries
-    from scipy.stats import qmc  # imported here: it takes half a second, and most cases draw none
-
     draws = qmc.LatinHypercube(d=3, rng=np.random.default_rng([cloud.seed, number])).random(count)
     diameter = material.sizes(draws[:, 2])
     x, y = _spread(section, draws[:, 0], draws[:, 1], diameter)

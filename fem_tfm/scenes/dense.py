@@ -7,7 +7,6 @@ from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
-from fem_tfm.correlations import friction_velocity
 from fem_tfm.errors import SolverError
 from fem_tfm.geometry.resolution import Resolution
 from fem_tfm.models import transfer
@@ -23,7 +22,7 @@ from fem_tfm.output.pictures import SectionView, section_picture, vertical_profi
 from fem_tfm.output.profiles import write_profiles
 from fem_tfm.output.result import Result
 from fem_tfm.scenes.judged import plausible
-from fem_tfm.scenes.judged.gas import loading
+from fem_tfm.scenes.judged.gas import loading, y_plus
 from fem_tfm.scenes.judged.memory import check_memory, section_cells
 from fem_tfm.scenes.judged.plausible import check_flux
 from fem_tfm.scenes.physics import (
@@ -77,9 +76,8 @@ COMPILE_TIME, COMPILE_TIME_PER_SCALE = 15, 11
 # on the line of the README: it starts several times; and once more, measured on cement and alumina,
 # where eddies lift such grains: meshes disagree and finer ones follow
 BED_FACTOR, LIFTED_FACTOR = 10, 3
-
-
-# distances of a wall law over the diameter: the largest, and the default, below which y+ counts
+# distances of a wall law over the diameter: the largest, and the default, which a slow gas may have
+# inside its sublayer; a smaller one was given, and has to have this y+
 LARGEST_OFFSET, LEAST_OFFSET, LEAST_Y_PLUS = 0.1, 0.01, 5.0
 
 
@@ -419,19 +417,16 @@ def _of_the_wall_distance(scene: Any, resolved: bool) -> list[str]:
 
     resolved : whether the law wants cells in the sublayer
     """
-    offset, width, gas = scene.wall_offset, scene.geometry.hydraulic_diameter, scene.model.gas
-    said = []
+    offset, width, said = scene.wall_offset, scene.geometry.hydraulic_diameter, []
     if offset > LARGEST_OFFSET * width:
         said.append(
             f"walls.distance = {offset:.3g} m is above a tenth of the hydraulic diameter"
             f" {width:g} m, and a wall law is made for the layer at the wall"
         )
     if scene.reynolds > TURBULENT and 0 < offset < LEAST_OFFSET * width and not resolved:
-        viscosity = gas.viscosity / gas.density
-        y_plus = offset * friction_velocity(scene.feed.gas_velocity, width, viscosity) / viscosity
-        if y_plus < LEAST_Y_PLUS:
+        if (height := y_plus(scene)) < LEAST_Y_PLUS:
             said.append(
-                f"walls.distance = {offset:.3g} m is y+ = {y_plus:.2g}, inside the sublayer, which"
+                f"walls.distance = {offset:.3g} m is y+ = {height:.2g}, inside the sublayer, which"
                 f" needs cells as thin; a wall law holds from y+ = {LEAST_Y_PLUS:g}"
             )
     return said

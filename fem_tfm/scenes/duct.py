@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from fem_tfm.correlations import (
-    friction_velocity,
     gnielinski,
     jones_friction,
     smooth_friction,
@@ -35,7 +34,7 @@ from fem_tfm.output.files import on_root
 from fem_tfm.output.pictures import SectionView
 from fem_tfm.output.profiles import write_profiles
 from fem_tfm.output.result import Reference, Result
-from fem_tfm.scenes.judged.gas import TURBULENT
+from fem_tfm.scenes.judged.gas import TURBULENT, y_plus
 from fem_tfm.scenes.judged.memory import check_memory, section_cells
 from fem_tfm.scenes.physics import (
     SECTION_COLUMNS,
@@ -270,13 +269,11 @@ def advice(scene: Any) -> list[str]:
         said.append(f"sections with sides above {LARGEST_ASPECT:g} to 1 have not been tried")
     if scene.reynolds < TURBULENT:
         return said
-    diameter, gas = scene.geometry.hydraulic_diameter, scene.model.gas
-    viscosity = gas.viscosity / gas.density
-    u_tau = friction_velocity(scene.feed.gas_velocity, diameter, viscosity)
-    y_plus, (low, high) = scene.wall_offset * u_tau / viscosity, LOG_LAYER
-    if not low <= y_plus <= high or scene.wall_offset > 0.1 * diameter:
+    height, (low, high) = y_plus(scene), LOG_LAYER
+    outside = not low <= height <= high
+    if outside or scene.wall_offset > 0.1 * scene.geometry.hydraulic_diameter:
         said.append(
-            f"walls.distance = {scene.wall_offset:.3g} m is y+ = {y_plus:.0f}; wall functions hold"
+            f"walls.distance = {scene.wall_offset:.3g} m is y+ = {height:.0f}; wall functions hold"
             f" from {low:g} to {high:g} and below a tenth of the hydraulic diameter"
         )
     return said

@@ -126,7 +126,7 @@ def _of_the_speed(scene: Any, blamed: bool) -> Iterator[Derived]:
 
     blamed : whether density or viscosity are doubted, from which these follow
     """
-    gas, width, speed = scene.model.gas, scene.geometry.hydraulic_diameter, scene.feed.gas_velocity
+    gas, speed = scene.model.gas, scene.feed.gas_velocity
     reynolds, doubt = scene.reynolds, ""
     least, cure = scene.model.turbulent_from
     if reynolds < least and not blamed:
@@ -143,6 +143,11 @@ def _of_the_speed(scene: Any, blamed: bool) -> Iterator[Derived]:
         )
     yield Derived("gas velocity over that of sound", mach, "", doubt)
     if reynolds > TURBULENT and scene.wall_offset > 0:
-        nu = gas.viscosity / gas.density
-        y_plus = scene.wall_offset * friction_velocity(speed, width, nu) / nu
-        yield Derived("wall distance y+", y_plus, "")
+        yield Derived("wall distance y+", y_plus(scene), "")
+
+
+def y_plus(scene: Any) -> float:
+    """Distance of the wall law in viscous lengths, y_p u_tau/nu of the gas alone [-]."""
+    gas, width = scene.model.gas, scene.geometry.hydraulic_diameter
+    nu = gas.viscosity / gas.density
+    return float(scene.wall_offset * friction_velocity(scene.feed.gas_velocity, width, nu) / nu)
