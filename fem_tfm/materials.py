@@ -181,6 +181,10 @@ class Gas(Parameters):
             raise InputError("gas.pressure", None, _allowed(cls, "pressure"))
         constant = known.gas_constant if known else given["gas_constant"]
         given["density"] = given["pressure"] / (constant * temperature)
+        most = next(f for f in fields(cls) if f.name == "density").metadata["limits"]["le"]
+        if given["density"] > most:
+            words = f"one at which p/(R T) = {given['density']:.4g} kg/m3 is at most {most:g}"
+            raise InputError("gas.pressure", given["pressure"], words)
         if known:
             given.setdefault("viscosity", known.viscosity(temperature))
 

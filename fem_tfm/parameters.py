@@ -247,12 +247,23 @@ def _kind_in_words(kind: Any) -> str:
     if several and named:
         return f"a list, each {' or '.join(named)}"
     if several:
-        numbers_listed = _holds(kind, float)
-        return "a list of numbers, or of lists of them" if numbers_listed else "a list of texts"
+        return f"a {_list_in_words(kind)}"
     found = next((text for base, text in KINDS.items() if _holds(kind, base)), None)
     if found is not None:
         return found
     return " or ".join(named) or "a value"
+
+
+def _list_in_words(kind: Any, name: str = "list") -> str:
+    """A list of numbers or texts with its length, such as "list of lists of 3 numbers"."""
+    inner = get_args(kind)
+    if get_origin(kind) is tuple:
+        count = "" if Ellipsis in inner else f"{len(inner)} "
+        return f"{name} of {count}{_list_in_words(inner[0], 'lists')}"
+    listed = next((k for k in inner if _holds(k, tuple)), None)
+    if listed is not None:
+        return _list_in_words(listed, name)
+    return "numbers" if kind is float else "texts"
 
 
 def _class_names(cls: Any) -> list[str]:

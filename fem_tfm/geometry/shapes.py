@@ -107,6 +107,14 @@ class Shape(Parameters, ABC):
         """D_h = 4 A/P [m]."""
         return self._part("none", 0.0).hydraulic_diameter
 
+    @property
+    def words(self) -> str:
+        """Shape, size, length and inclination in words."""
+        width, height = self.size
+        across = f"{width:g} m" if width == height else f"{width:g} by {height:g} m"
+        slope = f"{self.inclination_deg:g} deg upwards" if self.inclination_deg else "level"
+        return f"{self.shape} of {across}, {self.length:g} m long, {slope}"
+
     def gravity_vector(self, g: float) -> tuple[float, float, float]:
         """(0, -g cos(theta), -g sin(theta)) of gravity g, theta the inclination [m/s2]."""
         theta = math.radians(self.inclination_deg)

@@ -185,7 +185,7 @@ class Developed(SectionScene[SectionPhysics, "SectionRecorder"]):
                 + " core cells in turn; finer ones follow if they disagree"
             ),
             "finest_mesh": f"{cells} cells, about {unknowns} unknowns",
-            "memory": f"about {cost['memory']:.0f} MB",
+            "memory": f"about {cost['memory'] + cloud_words.parcel_memory(self):.0f} MB",
             "time": time_words(self.expected_time(), cost["compile"]),
         }
 
@@ -203,6 +203,7 @@ def describe(scene: Scene[Any, Any], solved: str, given: str) -> dict[str, Any]:
     return {
         "title": scene.title or "untitled",
         "solved": solved,
+        "line": scene.geometry.words,
         "given": given,
         "closures": laws,
         **({"particles": cloud_words.words(scene)} if cloud is not None else {}),

@@ -42,6 +42,7 @@ from fem_tfm.scenes.judged.coarser import (
 from fem_tfm.scenes.judged.finer import halved_mesh
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles.tracking import Slabs, exchange_of, following_time, slabs_of
+from fem_tfm.scenes.particles.words import parcel_memory
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.scene import Answer
 from fem_tfm.scenes.statement import MarchNumerics
@@ -152,7 +153,7 @@ class Developing(SectionScene["LinePhysics", "LineRecorder"]):
             "stations": f"about {stations}, more where much changes",
             "finest_mesh": f"{cells} cells, about {unknowns} unknowns",
             "error_estimate": f"none: {why}" if (why := unavailable(self)) else SECOND_WORDS,
-            "memory": f"about {cost['memory']:.0f} MB",
+            "memory": f"about {cost['memory'] + parcel_memory(self):.0f} MB",
             "time": time_words(self.expected_time(), cost["compile"]),
         }
 

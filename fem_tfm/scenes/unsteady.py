@@ -43,6 +43,7 @@ from fem_tfm.scenes.judged.plausible import check_flux, derived
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles.line import Along, follow_line
 from fem_tfm.scenes.particles.tracking import following_time
+from fem_tfm.scenes.particles.words import parcel_memory
 from fem_tfm.scenes.physics import SECTION_FILES, Physics
 from fem_tfm.scenes.recorder import Recorder, Setting
 from fem_tfm.scenes.samples import MEANS, Plane, Probes, Sections, Table, columns
@@ -342,7 +343,8 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
         shape, section, resolution = self.physics.line
         cells = section_cells(section, resolution) * axial_layers(shape, section, resolution)
         cells *= TETRAHEDRA if resolution.cell_shape == "triangle" else 1
-        check_memory(BASE_MEMORY + CELL_MEMORY * cells, self.resolution)
+        diameters = shape.length / shape.hydraulic_diameter
+        check_memory(BASE_MEMORY + CELL_MEMORY * cells, self.resolution, diameters)
 
     def expected_time(self) -> float:
         """About the CPU time of a run [s]."""
@@ -357,12 +359,13 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
         physics = self.physics
         layers, end = axial_layers(*physics.line), self.numerics.end_time
         cells, steps = physics.cells, self._steps(layers)
+        memory = BASE_MEMORY + CELL_MEMORY * cells + parcel_memory(self)
         words = f"unsteady flow by the two-fluid model: all of 3D, {end:g} s"
         given = f"{dense.entering(self)}; starts from state {self.initial.state!r}"
         return describe(self, words, given) | {
             "meshes": f"{layers} layers of {cells // layers} cells",
             "finest_mesh": f"{cells} cells, about {cells * physics.unknowns} unknowns",
-            "memory": f"about {BASE_MEMORY + CELL_MEMORY * cells:.0f} MB",
+            "memory": f"about {memory:.0f} MB",
             "time": f"about {self.expected_time():.0f} s for about {steps:.0f} steps",
         }
 

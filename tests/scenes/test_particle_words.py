@@ -10,7 +10,10 @@ import pytest
 import fem_tfm as ft
 from fem_tfm.case import Case
 from fem_tfm.errors import InputError
+from fem_tfm.scenes.judged import memory
 from fem_tfm.scenes.particles.tracking import following_time
+from fem_tfm.scenes.particles.words import parcel_memory
+from fem_tfm.scenes.statement import TimeNumerics
 
 DUCT = ft.Duct(width=0.2, length=1.0)
 MODEL = ft.ReynoldsStress(ft.Gas(1.2, 1.8e-5), wall_distance=8e-4)
@@ -36,10 +39,18 @@ def scene(cls: Any = ft.Developed, *, material: ft.Material | None = None, **clo
         (
             {},
             {"diameter": 0.09, "size": "lognormal", "spread": 2.0},
-            "materials[0].diameter",
-            "0.2",
+            "materials[0].spread",
+            "the coarsest particle of this one has 0.766 m",
         ),
-        ({}, {"mass_flow": 4000.0}, "materials[0].velocity", "flow = 'dense'"),
+        ({}, {"mass_flow": 4000.0}, "materials[0].mass_flow", "flow = 'dense'"),
+        ({}, {"mass_flow": None, "loading": 4000.0}, "materials[0].loading", "flow = 'dense'"),
+        ({}, {"mass_flow": 4.0, "velocity": 0.1}, "materials[0].velocity", "flow = 'dense'"),
+        (
+            {"injection": "points", "points": ((0.0, 0.0, 4000.0),)},
+            {"mass_flow": None},
+            "particles.points",
+            "flow = 'dense'",
+        ),
         ({}, {"velocity": 0.0}, "materials[0].velocity", "above 0, or nothing enters"),
     ],
 )
@@ -56,6 +67,12 @@ def test_a_cloud_that_does_not_fit_is_refused(
     with pytest.raises(InputError, match=words) as caught:
         scene(material=ft.Material(**{**given, **material}), **cloud)
     assert caught.value.key.endswith(key)
+
+
+def test_a_particle_as_wide_as_the_line_is_refused() -> None:
+    cloud = ft.Cloud((ash(diameter=0.06),))
+    with pytest.raises(InputError, match=r"materials\[0\]\.diameter = 0\.06 .* below 0\.05 m"):
+        ft.Developed(MODEL, ft.Duct(width=0.05), ft.Feed(22.0), particles=cloud)
 
 
 def test_steps_have_a_least_length_and_a_price() -> None:
@@ -188,3 +205,21 @@ def test_particles_that_enter_much_faster_than_the_gas_are_told() -> None:
     told = scene(material=ash(velocity=150.0)).warnings()
     assert any("velocity at the entrance over that of the gas 6.818" in text for text in told)
     assert not any("velocity at the entrance" in text for text in scene().warnings())
+
+
+@pytest.mark.parametrize(("cls", "bytes_each"), [(ft.Developed, 1600), (ft.Developing, 1600)])
+def test_more_parcels_than_the_machine_holds_are_refused(
+    cls: Any, bytes_each: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(memory, "machine_memory", lambda: 1000.0)
+    most = int(1e9 / bytes_each)
+    assert scene(cls, parcels=most - 1).particles.parcels == most - 1
+    with pytest.raises(InputError, match=r"particles\.parcels = .* fewer: .* has 1000 MB"):
+        scene(cls, parcels=most + 10)
+
+
+def test_an_unsteady_line_keeps_its_parcels_at_every_place() -> None:
+    one = ft.Cloud((ash(),), parcels=1000, stations=60)
+    given = ft.TwoFluid(ft.Gas(1.2, 1.8e-5), turbulence="k-epsilon"), DUCT, ft.Feed(22.0)
+    line = ft.Unsteady(*given, particles=one, numerics=TimeNumerics(end_time=1.0))
+    assert parcel_memory(line) == pytest.approx(1.6 + 0.28 * 61)

@@ -120,6 +120,7 @@ def test_every_flow_doubts_its_gas_and_names_a_cause_once(
         (DUCT, "geometry.width", 100.0, "the line is wider than long"),
         (DUCT, "operation.gas_superficial_velocity", 1.0, "meant for more than 20000"),
         (TUBE, "gas.reference_pressure", 1.0, "is that in Pa, not in bar?"),
+        (TUBE, "closures.contact.stiffness", 0.1, "in diameters 1.853: such contacts let grains"),
         (GAS_ALONE, "operation.gas_superficial_velocity", 0.3, "closures.turbulence = 'laminar'"),
         (GAS_ALONE, "operation.gas_superficial_velocity", 0.005, "nothing is turbulent there"),
         (
@@ -128,6 +129,8 @@ def test_every_flow_doubts_its_gas_and_names_a_cause_once(
             1500.0,
             "0.6049 (that of air of this density): a gas of one",
         ),
+        (GAS_ALONE, "gas.temperature", 20.0, "is gas.temperature = 20 in K"),
+        (RISER, "gas.temperature", 20.0, "is gas.temperature = 20 in K"),
         (GAS_ALONE, "operation.outlet_pressure", 1.0, "outlet_pressure = 1 in Pa, not in bar?"),
     ],
 )
@@ -224,7 +227,7 @@ def test_an_unsteady_mesh_beyond_the_machine_is_refused(monkeypatch: pytest.Monk
     monkeypatch.setattr(memory, "machine_memory", lambda: 2000.0)
     changes = {"solution": "unsteady", "numerics.end_time": 1.0, "numerics.axial_cells": 100}
     riser(**changes).scene.examine()
-    with pytest.raises(InputError, match="a coarser mesh: it needs about"):
+    with pytest.raises(InputError, match="a line shorter than 200 diameters: it needs about"):
         riser(**changes, numerics__level=8).scene.examine()
 
 

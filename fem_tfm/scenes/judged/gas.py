@@ -92,7 +92,9 @@ def of_the_gas(scene: Any) -> Iterator[Derived]:
     density = Derived(DENSITY, gas.density, "kg/m3", _doubt_of_density(gas))
     yield density
     viscosity, (low, high) = Derived(VISCOSITY, gas.viscosity, "Pa s"), GAS_VISCOSITY
-    if not low <= gas.viscosity <= high:
+    # Sutherland's viscosity is small where the temperature is, which is doubted already
+    cold = gas.viscosity < low and gas.temperature < COLD_GAS
+    if not low <= gas.viscosity <= high and not cold:
         doubt = f"gases have {low:g} to {high:g}; is gas.viscosity in Pa s, not in cP?"
         viscosity = replace(viscosity, doubt=doubt)
     yield viscosity
@@ -114,7 +116,7 @@ def _doubt_of_density(gas: Any) -> str:
         if gas.pressure is not None:
             doubt += f"; is gas.pressure = {gas.pressure:g} in Pa, not in bar?"
         return doubt
-    if gas.pressure is not None and gas.temperature < COLD_GAS:
+    if gas.temperature < COLD_GAS:
         return f"is gas.temperature = {gas.temperature:g} in K, not in degrees Celsius?"
     if gas.density > HEAVY_GAS:
         return "that of a liquid; is the density or pressure of the gas in SI units?"

@@ -11,6 +11,8 @@ from fem_tfm.scenes.judged.gas import SHORTEST_LINE, Derived
 
 # a line that is wider [m] or longer over its diameter was hardly meant, nor such a gravity [m/s2]
 WIDEST, LONGEST, HEAVIEST = 3.0, 2e4, 20.0
+# the longest line with a bend over its diameter: bends are solved in time, all of them
+LONGEST_BEND = 1000.0
 # angles that are usual in degrees, looked for in radians, and how closely
 USUAL, CLOSE = (30.0, 45.0, 60.0, 90.0, 180.0), 2e-3
 # pressure at the outlet over that of the gas, outside of which one of them is wrong
@@ -24,7 +26,7 @@ def of_the_line(scene: Any) -> Iterator[Derived]:
     if width > WIDEST and geometry.length > SHORTEST_LINE * width:
         doubt = "is the width of the line in m, not in cm or mm?"
         yield Derived("hydraulic diameter", width, "m", doubt)
-    if geometry.length > LONGEST * width:
+    if geometry.length > (LONGEST if geometry.arc is None else LONGEST_BEND) * width:
         doubt = f"is geometry.length = {geometry.length:g} in m, not in mm?"
         yield Derived("line longer than usual, in diameters", geometry.length / width, "", doubt)
     for name in ("inclination_deg", "bend_angle_deg"):

@@ -25,10 +25,16 @@ def section_cells(section: Section, resolution: Resolution) -> float:
     return section_mesh(section, coarse, MPI.COMM_SELF).num_cells * max(largest / size, 1.0) ** 2
 
 
-def check_memory(megabytes: float, resolution: Any) -> None:
-    """Refuse a mesh that needs more memory than the machine has; raises InputError."""
+def check_memory(megabytes: float, resolution: Any, diameters: float | None = None) -> None:
+    """Refuse a mesh that needs more memory than the machine has; raises InputError.
+
+    diameters : length of the line that is meshed over its hydraulic diameter, None for a section
+    """
     name = "level" if resolution.mesh_size is None else "mesh_size"
-    refuse_beyond(megabytes, f"numerics.{name}", getattr(resolution, name), "a coarser mesh: it")
+    cure = "a coarser mesh"
+    if diameters is not None:
+        cure += f", or a line shorter than {diameters:.4g} diameters"
+    refuse_beyond(megabytes, f"numerics.{name}", getattr(resolution, name), f"{cure}: it")
 
 
 def refuse_beyond(megabytes: float, key: str, value: Any, cure: str) -> None:

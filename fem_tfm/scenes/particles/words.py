@@ -17,6 +17,7 @@ from fem_tfm.materials import Solids
 from fem_tfm.models.particles.tracker import drag_factor
 from fem_tfm.scenes.judged.gas import Derived
 from fem_tfm.scenes.judged.grains import is_steep, of_falling, of_saltation, of_the_grains
+from fem_tfm.scenes.judged.memory import refuse_beyond
 from fem_tfm.scenes.judged.plausible import lifts
 
 # above this loading the gas feels the particles
@@ -31,6 +32,9 @@ FASTEST = 3.0
 DENSE = 0.1
 # measured: steps of a parcel over a line in units of its eddies, CPU time of a step [s]
 STEP_TIME, SLAB_TRACES = 9e-8, 4.0
+# measured with a million parcels: memory of a parcel, and of what an unsteady line keeps of it at
+# each place [MB]
+PARCEL_MEMORY, PLACE_MEMORY = 1.6e-3, 2.8e-4
 
 
 def gas_flow(scene: Any) -> float:
@@ -46,6 +50,16 @@ def entrance_fraction(scene: Any, material: Material) -> float:
     if speed <= 0:
         return math.inf
     return float(flow / (material.density * scene.geometry.area * speed))
+
+
+def parcel_memory(scene: Any) -> float:
+    """About the memory that the particles of a scene take [MB]."""
+    cloud: Cloud | None = scene.particles
+    if cloud is None:
+        return 0.0
+    places = cloud.stations + 1 if scene.solution == "unsteady" else 0
+    count = cloud.parcels * cloud.entries * len(cloud.materials)
+    return count * (PARCEL_MEMORY + PLACE_MEMORY * places)
 
 
 def check(scene: Any, two_way: bool) -> None:
@@ -86,25 +100,51 @@ def check(scene: Any, two_way: bool) -> None:
         if outside or float(np.min(section.wall_distance(np.array([[x], [y]])))) < 1e-6 * width:
             words = f"points inside the section, which reaches {width / 2:g} m from the axis"
             raise InputError("particles.points", point, words)
+    words = "fewer: what is kept of them"
+    refuse_beyond(parcel_memory(scene), "particles.parcels", cloud.parcels, words)
     for number, material in enumerate(cloud.materials):
         key = f"particles.materials[{number}]"
-        largest = float(material.sizes(np.ones(1))[0])
-        if largest >= min(width, height):
-            words = f"a diameter below {min(width, height):g} m, to fit in the section"
-            raise InputError(f"{key}.diameter", largest, words)
+        _check_size(material, key, min(width, height))
         if material.temperature is not None and not cloud.heat:
             words = "none with particles.heat = false, where no particle has a temperature"
             raise InputError(f"{key}.temperature", material.temperature, words)
         if material.velocity == 0:
             words = "a velocity above 0, or nothing enters"
             raise InputError(f"{key}.velocity", material.velocity, words)
-        fraction = entrance_fraction(scene, material)
-        if not fraction < DENSE:
-            words = (
-                f"one at which less than {DENSE:g} of the volume is particles (here"
-                f" {fraction:.2g}); flow = 'dense' solves more"
-            )
-            raise InputError(f"{key}.velocity", material.velocity, words)
+        _check_fraction(scene, material, key)
+
+
+def _check_size(material: Material, key: str, room: float) -> None:
+    """Refuse particles that do not fit into a section [m]; raises InputError for their table."""
+    largest = float(material.sizes(np.ones(1))[0])
+    if material.diameter >= room:
+        words = f"a diameter below {room:g} m, to fit in the section"
+        raise InputError(f"{key}.diameter", material.diameter, words)
+    if largest >= room:
+        words = (
+            f"a distribution that fits in the section, {room:g} m; the coarsest particle of this"
+            f" one has {largest:.3g} m, and a spread has no unit"
+        )
+        raise InputError(f"{key}.spread", material.spread, words)
+
+
+def _check_fraction(scene: Any, material: Material, key: str) -> None:
+    """Refuse more particles than a cloud of parcels can stand for; raises InputError."""
+    fraction = entrance_fraction(scene, material)
+    if fraction < DENSE:
+        return
+    cloud, own = scene.particles, material.velocity
+    words = (
+        f"one at which less than {DENSE:g} of the volume is particles (here {fraction:.2g});"
+        " flow = 'dense' solves more"
+    )
+    if own is not None and fraction * own < DENSE * scene.feed.gas_velocity:
+        # as fast as the gas they would be few enough
+        raise InputError(f"{key}.velocity", own, words)
+    for name in ("mass_flow", "loading"):
+        if getattr(material, name) is not None:
+            raise InputError(f"{key}.{name}", getattr(material, name), words)
+    raise InputError("particles.points", list(cloud.points[0]), words)
 
 
 def advice(scene: Any) -> list[str]:

@@ -46,6 +46,8 @@ OUTPUTS = 20
 COARSE, FINEST = 1.25, 20
 # porosity of a packed bed, and how much more it may resist by Ergun
 PACKED, TOO_WEAK = 0.4, 2.0
+# overlap of two grains over their diameter that was hardly meant
+SOFTEST = 0.5
 # share of the samples with a filled tube that is told
 FULL = 0.1
 # most triangles of a wall
@@ -348,7 +350,26 @@ class Slug(Scene[Physics, TubeRecorder]):
         found = [*of_the_gas(self), *of_the_line(self)]
         blamed = is_doubted(found)
         found += of_the_grains(self, self.model.solids, "solids", blamed)
-        return [*found, self._inertia(any(number.doubt for number in found))]
+        blamed = any(number.doubt for number in found)
+        return [*found, self._overlap(blamed), self._inertia(blamed)]
+
+    def _overlap(self, blamed: bool) -> Derived:
+        """Whether contacts are so soft that grains pass through each other.
+
+        Two grains that meet at the velocity of the gas overlap by about v t_c/pi, with the time
+        t_c of the contact; exactly so with a linear spring.
+
+        blamed : whether another number is doubted, from which this follows
+        """
+        grains, doubt = self.model.solids, ""
+        touching = grains.contact.contact_time(grains.mean_mass / 2, grains.diameter / 4)
+        overlap = self.feed.gas_velocity * touching / math.pi / grains.diameter
+        if overlap > SOFTEST and not blamed:
+            doubt = (
+                "such contacts let grains pass through each other; is the stiffness of"
+                " closures.contact in N/m, not in N/mm?"
+            )
+        return Derived("overlap of grains that meet, in diameters", overlap, "", doubt)
 
     def _inertia(self, blamed: bool) -> Derived:
         """Whether the gas is too fast for a law of resistance without inertia, by Ergun's.
@@ -425,6 +446,7 @@ class Slug(Scene[Physics, TubeRecorder]):
         return {
             "title": self.title or "untitled",
             "solved": "slug conveying by discrete elements in the pressure field of the gas",
+            "line": self.geometry.words,
             "given": (
                 f"gas {feed.gas_velocity:g} m/s, grains {feed.solids_mass_flow:g} kg/s"
                 f" ({per_second:.0f} a second); found: pressure drop, slugs"
