@@ -2,7 +2,8 @@
 """Radial distribution function at contact, g0 [-].
 
 g0 multiplies the collision rate: about one in a dilute gas of grains, without bound at packing.
-Symbols: a = alpha_s solids fraction, a_max packing limit.
+Symbols: a = alpha_s solids fraction, a_max packing limit, gap = 1 - a/a_max. Near packing the gap
+has few digits where it is found from a; who knows it better gives it.
 """
 
 from __future__ import annotations
@@ -20,9 +21,17 @@ _TINY_FRACTION = 1e-6
 class Radial(Closure):
     """Interface of a radial distribution function."""
 
+    def g0(self, alpha_s: Value, solids: Solids, gap: Value | None = None) -> Value:
+        """Radial distribution at contact [-].
+
+        gap : 1 - alpha_s/packing_limit [-], found from alpha_s where it is not given
+        """
+        known = 1 - alpha_s / solids.packing_limit if gap is None else gap
+        return self._g0(alpha_s, known, solids)
+
     @abstractmethod
-    def g0(self, alpha_s: Value, solids: Solids) -> Value:
-        """Radial distribution at contact [-]."""
+    def _g0(self, alpha_s: Value, gap: Value, solids: Solids) -> Value:
+        """g0 of alpha_s and its gap to packing [-]."""
 
 
 @register("radial", "savage")
@@ -36,9 +45,8 @@ class Savage(Radial):
     Source: Savage (1988), as eq. (12) of Ding et al. (2024), Appl. Sci. 14, 2031.
     """
 
-    def g0(self, alpha_s: Value, solids: Solids) -> Value:
-        """Radial distribution at contact [-]."""
-        return (1 - 7 * alpha_s / 16) / (1 - alpha_s / solids.packing_limit) ** 2
+    def _g0(self, alpha_s: Value, gap: Value, solids: Solids) -> Value:
+        return (1 - 7 * alpha_s / 16) / gap**2
 
 
 @register("radial", "lun-savage")
@@ -52,10 +60,8 @@ class LunSavage(Radial):
     Source: Lun and Savage (1986), Acta Mech. 63, 15-44.
     """
 
-    def g0(self, alpha_s: Value, solids: Solids) -> Value:
-        """Radial distribution at contact [-]."""
-        limit = solids.packing_limit
-        return (1 - alpha_s / limit) ** (-2.5 * limit)
+    def _g0(self, alpha_s: Value, gap: Value, solids: Solids) -> Value:
+        return gap ** (-2.5 * solids.packing_limit)
 
 
 @register("radial", "sinclair-jackson")
@@ -71,9 +77,10 @@ class SinclairJackson(Radial):
     Source: Sinclair and Jackson (1989), AIChE J. 35, 1473-1486, after Bagnold (1954).
     """
 
-    def g0(self, alpha_s: Value, solids: Solids) -> Value:
-        """Radial distribution at contact [-]."""
-        return 1 / (1 - safe_pow(alpha_s / solids.packing_limit, 1 / 3, _TINY_FRACTION))
+    def _g0(self, alpha_s: Value, gap: Value, solids: Solids) -> Value:
+        # 1 - r^3 is the gap: there is no difference of numbers that are nearly equal
+        r = safe_pow(alpha_s / solids.packing_limit, 1 / 3, _TINY_FRACTION)
+        return (1 + r + r * r) / gap
 
 
 @register("radial", "carnahan-starling")
@@ -87,8 +94,7 @@ class CarnahanStarling(Radial):
     Source: Carnahan and Starling (1969), J. Chem. Phys. 51, 635-636.
     """
 
-    def g0(self, alpha_s: Value, solids: Solids) -> Value:
-        """Radial distribution at contact [-]."""
+    def _g0(self, alpha_s: Value, gap: Value, solids: Solids) -> Value:
         return (1 - alpha_s / 2) / (1 - alpha_s) ** 3
 
 
@@ -103,8 +109,8 @@ class MaAhmadi(Radial):
     Source: Ma and Ahmadi (1986), J. Chem. Phys. 84, 3449-3450.
     """
 
-    def g0(self, alpha_s: Value, solids: Solids) -> Value:
-        """Radial distribution at contact [-]."""
+    def _g0(self, alpha_s: Value, gap: Value, solids: Solids) -> Value:
         a = alpha_s
         virial = 1 + a * (2.5 + a * (4.5904 + a * 4.515439))
-        return virial / (1 - (a / solids.packing_limit) ** 3) ** 0.67802
+        # 1 - (1 - gap)^3
+        return virial / (gap * (3 - gap * (3 - gap))) ** 0.67802

@@ -286,12 +286,15 @@ class Pointwise:
 
     # -- solids --------------------------------------------------------------------------------
 
-    def kinetic(self, alpha: Value, theta: Value, beta: Value) -> tuple[Value, Kinetic]:
+    def kinetic(
+        self, alpha: Value, theta: Value, beta: Value, gap: Value | None = None
+    ) -> tuple[Value, Kinetic]:
         """g0 and the coefficients of the kinetic theory, faded in voids.
 
         beta : drag coefficient [kg/m3/s], which limits the mean free path
+        gap : 1 - a/a_max [-], where it is known to more digits than a has
         """
-        g0 = self.closures.radial.g0(alpha, self.grain)
+        g0 = self.closures.radial.g0(alpha, self.grain, gap)
         theory, law = self.closures.granular, self.closures.free_path
         found = law.coefficients(theory, alpha, theta, g0, beta, self.grain, self.diameter)
         square = alpha * alpha
@@ -302,13 +305,19 @@ class Pointwise:
         )
 
     def coefficients(
-        self, alpha: Value, theta: Value, square: Value, dilation: Value, beta: Value
+        self,
+        alpha: Value,
+        theta: Value,
+        square: Value,
+        dilation: Value,
+        beta: Value,
+        gap: Value | None = None,
     ) -> SolidsCoefficients:
         """Coefficients of kinetic theory and friction at S:S [1/s2] and D [1/s].
 
-        beta : as for `kinetic`
+        beta, gap : as for `kinetic`
         """
-        g0, kinetic = self.kinetic(alpha, theta, beta)
+        g0, kinetic = self.kinetic(alpha, theta, beta, gap)
         friction = self.closures.friction.stress(alpha, theta, square, dilation, self.grain)
         cap = self.regularisation.max_frictional_viscosity
         p_f, mu_f = (_filled(value, alpha) for value in friction)

@@ -45,3 +45,15 @@ def test_no_bound_at_packing(name, coal):
 def test_second_virial_coefficient(slope, name):
     law, solids = make("radial", name), Solids(1000.0, 1e-3, packing_limit=0.64356)
     assert slope(lambda a: law.g0(a, solids), [0.0], 0) == pytest.approx(2.5)
+
+
+@pytest.mark.parametrize(
+    ("name", "power"),
+    [("savage", 2.0), ("lun-savage", 1.575), ("sinclair-jackson", 1.0), ("ma-ahmadi", 0.67802)],
+)
+def test_a_gap_that_is_given_keeps_its_digits(name, power, coal):
+    law = make("radial", name)
+    assert law.g0(0.5, coal, 1 - 0.5 / 0.63) == pytest.approx(law.g0(0.5, coal), rel=1e-12)
+    # alpha_s itself has four digits of such a gap
+    wide, narrow = (law.g0(0.63 * (1 - gap), coal, gap) for gap in (2e-12, 1e-12))
+    assert narrow / wide == pytest.approx(2**power, rel=1e-9)

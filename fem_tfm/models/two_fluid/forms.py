@@ -206,6 +206,10 @@ class TwoFluidForms:
             return ufl.as_ufl(0.0)
         return self.solids.packing_limit / (1 + ufl.exp(-state.q))
 
+    def gap(self, state: State) -> Expr:
+        """1 - alpha_s/alpha_max = 1/(1 + exp(q)), with all its digits at packing [-]."""
+        return 1 / (1 + ufl.exp(state.q))
+
     def theta(self, state: State) -> Expr:
         """Theta = theta_floor + c^2 [m2/s2]."""
         return self.numerics.theta_floor + state.c**2
@@ -238,12 +242,12 @@ class TwoFluidForms:
 
     def solid(self, state: State) -> Solid:
         """The solids at a state."""
-        alpha, theta = self.alpha(state), self.theta(state)
+        alpha, gap, theta = self.alpha(state), self.gap(state), self.theta(state)
         rate = self.rate(state, "u_s")
         square, dilation = Invariants(rate).square, ufl.tr(rate)
         beta = self.drag(state)
         found = Solid(
-            **vars(self.at_point.coefficients(alpha, theta, square, dilation, beta)),
+            **vars(self.at_point.coefficients(alpha, theta, square, dilation, beta, gap)),
             alpha=alpha,
             theta=theta,
             rate=rate,
@@ -299,7 +303,7 @@ class TwoFluidForms:
         # grad(alpha)/alpha of the logit
         along = self.axis.change(lambda s: s.q, state)
         logit = self.axis.gradient(state.q) + along * AXIAL
-        crowding = (1 - solid.alpha / self.at_point.grain.packing_limit) * logit
+        crowding = self.gap(state) * logit
         eddies = None
         if state.ln_k_s is not None:
             scales = ufl.exp(state.ln_k_s), ufl.exp(state.ln_eps_s)
@@ -522,8 +526,7 @@ class TwoFluidForms:
         gas, grains = self.gas_eddies(now), self.grains(now, solid)
         nu_s = self.closures.dispersed.viscosity(gas, grains)
         # alpha_s grad(alpha_s)/alpha_s of the logit
-        rise = solid.alpha * (1 - solid.alpha / self.at_point.grain.packing_limit)
-        rise = rise * self.axis.gradient(now.q)
+        rise = solid.alpha * self.gap(now) * self.axis.gradient(now.q)
         return self.at_point.dispersion(gas, grains, nu_s) * ufl.inner(rise, v) * self.domain.dx
 
     def logarithm(
