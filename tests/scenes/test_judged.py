@@ -172,6 +172,26 @@ def test_meshes_that_disagree_are_followed_by_finer_ones(
     assert again["pressure_gradient"] == pytest.approx(gradient.value, rel=1e-8)
 
 
+@pytest.mark.parametrize(("level", "meshes"), [(1, 2), (2, 3), (3, 3)])
+def test_a_mesh_too_coarse_for_a_bed_does_not_tell_the_error_of_another(
+    level: int, meshes: int
+) -> None:
+    """Level 1 is a quick look and says so, level 2 takes a third mesh, level 3 has three."""
+    root = Path(__file__).parents[2]
+    scene = (
+        Case.load(root / "demos/dense_pipe/algebraic.toml")
+        .with_values({"numerics.level": level})
+        .scene
+    )
+    answer = scene.solve(scene.recorder())
+    assert answer.quantities["bed_fraction"] > 0.1
+    assert len(answer.state.solution.levels) == meshes
+    said = [text for text in answer.notes if "the coarser of the two meshes is too coarse" in text]
+    assert len(said) == (level < 3)
+    assert all(("raise numerics.level" in text) == (level == 1) for text in said)
+    answer.close()
+
+
 def test_meshes_that_go_on_to_disagree_end_with_status_3(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
