@@ -21,12 +21,16 @@ Pairs = tuple[tuple[float, float], ...]
 
 
 def _function_of_time(points: Any, key: str) -> Any:
-    """Refuse a schedule whose times do not grow, or whose factors flow backwards."""
-    if _is_pairs(points):
+    """Refuse a schedule whose times do not grow, or whose factors flow backwards or not at all."""
+    if _is_pairs(points) and points:
         times = [time for time, _ in points]
         grow = all(a < b for a, b in pairwise(times))
-        if not (grow and all(time >= 0 and factor >= 0 for time, factor in points)):
-            words = "pairs [time, factor] with times that grow from 0 s or later, factors >= 0"
+        sound = all(0 <= time < np.inf and 0 <= factor < np.inf for time, factor in points)
+        if not (grow and sound and any(factor > 0 for _, factor in points)):
+            words = (
+                "pairs [time, factor] with times that grow from 0 s or later, factors >= 0, and one"
+                " above 0"
+            )
             raise InputError(key, points, words)
     return points
 
@@ -150,7 +154,11 @@ class Feed(Parameters):
         _, flux = self.solids(area, solids.density)
         speed = feed_velocity(self.gas_velocity, diameter, gas, solids)
         if speed <= 0 or flux / speed >= solids.packing_limit:
-            words = "solids_fraction with solids_velocity, for the feeder's correlation fails"
+            words = (
+                "less, or operation.solids_fraction with solids_velocity in its place: at"
+                f" {speed:.3g} m/s, at which a feeder lets grains in by correlation, this flux of"
+                f" {flux:.3g} m/s superficial would be packed"
+            )
             key = self.solids_key
             raise InputError(f"operation.{key}", getattr(self, str(key)), words)
         return flux / speed, speed

@@ -78,9 +78,10 @@ class SinclairJackson(Radial):
     """
 
     def _g0(self, alpha_s: Value, gap: Value, solids: Solids) -> Value:
-        # 1 - r^3 is the gap: there is no difference of numbers that are nearly equal
-        r = safe_pow(alpha_s / solids.packing_limit, 1 / 3, _TINY_FRACTION)
-        return (1 + r + r * r) / gap
+        share = alpha_s / solids.packing_limit
+        r = safe_pow(share, 1 / 3, _TINY_FRACTION)
+        # 1/(1 - r), where nothing that is nearly 1 is subtracted from 1
+        return (1 + r + r * r) / (gap * (1 + share - r * r * r))
 
 
 @register("radial", "carnahan-starling")

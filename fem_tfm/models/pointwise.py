@@ -40,6 +40,11 @@ SLIP_FLOOR, SHEAR_FLOOR, K_FLOOR, MAX_VISCOSITY = 1e-4, 1e-3, 2.5e-4, 100.0
 # take none: 1e-4 changes the gradient of the dense pipe by 5e-9 of it, but a settled bed of the
 # random cases, with alpha_s = 3e-5 above it, is not found from a cold start any more
 VOID_FRACTION = 1e-4
+# packing_pressure of the finite volumes over rho_s U^2: grains that neither friction nor a granular
+# temperature holds apart pack to within about 1e-5 of the limit. Without it they pack to where the
+# residual of the fraction's equation takes them beyond. The weak forms know the gap to packing with
+# all its digits and need none
+PACKING_PRESSURE = 1e-10
 # uv over k in equilibrium, sqrt(C_mu), and the least k of a law without it over k_floor
 STRESS_SHARE, LEAST_K = 0.3, 1e-3
 # difference of the slip speed, over itself, for the slope of the drag
@@ -94,6 +99,7 @@ class Regularisation:
     void_fraction : a_0 of the factor a^2/(a^2 + a_0^2) on the kinetic viscosity and conductivity,
         which laws keep finite in a void, 0 for none [-]
     grain_gap : height over which the drag fades to the wall [m], 0 for none
+    packing_pressure : P of the pressure P [a/(a_max - a)]^2 that all laws have [Pa], 0 for none
     """
 
     theta_floor: Any
@@ -103,6 +109,7 @@ class Regularisation:
     max_frictional_viscosity: Any
     void_fraction: Any = 0.0
     grain_gap: Any = 0.0
+    packing_pressure: Any = 0.0
 
     @classmethod
     def scaled(
@@ -324,11 +331,13 @@ class Pointwise:
         return SolidsCoefficients(g0, kinetic, p_f, minimum(mu_f, cap))
 
     def solids_pressure(self, alpha: Value, theta: Value, square: Value, dilation: Value) -> Value:
-        """p_s of kinetic theory and friction, without the other coefficients [Pa]."""
+        """p_s of kinetic theory, friction and the barrier to packing, and nothing else [Pa]."""
         g0 = self.closures.radial.g0(alpha, self.grain)
         kinetic = self.closures.granular.pressure(alpha, theta, g0, self.grain)
         friction = self.closures.friction.stress(alpha, theta, square, dilation, self.grain)
-        return kinetic + friction.pressure
+        odds = alpha / (self.grain.packing_limit - alpha)
+        barrier = self.regularisation.packing_pressure * odds * odds
+        return kinetic + friction.pressure + barrier
 
     @property
     def feels_theta(self) -> bool:

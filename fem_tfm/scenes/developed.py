@@ -28,6 +28,7 @@ from fem_tfm.scenes.judged.finer import halved_mesh, trusted
 from fem_tfm.scenes.judged.gas import Derived
 from fem_tfm.scenes.judged.inputs import Uncertain, check_ranges, input_ranges
 from fem_tfm.scenes.judged.plausible import derived, estimates, out_of_range
+from fem_tfm.scenes.judged.times import too_long
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles import words as cloud_words
 from fem_tfm.scenes.particles.tracking import carrier_of, follow, following_time
@@ -211,7 +212,7 @@ def describe(scene: Scene[Any, Any], solved: str, given: str) -> dict[str, Any]:
         "wall_distance": f"{1e3 * scene.wall_offset:.3g} mm",
         "inferred": list(scene.inferred) or "nothing",
         "numbers": scene.numbers(),
-        "warnings": scene.warnings() or "none",
+        "warnings": [*scene.warnings(), *too_long(scene)] or "none",
     }
 
 

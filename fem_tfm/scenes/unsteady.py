@@ -40,6 +40,7 @@ from fem_tfm.scenes.judged.gas import Derived
 from fem_tfm.scenes.judged.memory import check_memory, section_cells
 from fem_tfm.scenes.judged.places import check_places
 from fem_tfm.scenes.judged.plausible import check_flux, derived
+from fem_tfm.scenes.judged.times import of_the_times
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles.line import Along, follow_line
 from fem_tfm.scenes.particles.tracking import following_time
@@ -335,7 +336,8 @@ class Unsteady(Scene[DenseCells, "FlowRecorder"]):
 
     def derived(self) -> list[Derived]:
         """Numbers of gas and solids, and what they give away."""
-        return derived(self)
+        found = derived(self)
+        return [*found, *of_the_times(self, any(number.doubt for number in found))]
 
     def examine(self) -> None:
         """Refuse what cannot be solved, without solving it; raises InputError."""

@@ -468,7 +468,11 @@ def test_what_enters_is_given_or_follows_from_the_feeder(dense: dict[str, Any]) 
     [
         ({}, {"solids_fraction": 0.2}, "operation.solids_velocity is not given: expected the velo"),
         ({"diameter": 8e-3}, {"solids_mass_flow": 0.1}, "operation.solids_mass_flow = 0.1 is ref"),
-        ({}, {"solids_superficial_velocity": 4.0}, "expected solids_fraction with solids_velocity"),
+        (
+            {},
+            {"solids_superficial_velocity": 4.0},
+            "expected less, or operation.solids_fraction with solids_velocity",
+        ),
     ],
 )
 def test_an_inlet_that_is_not_known_is_refused(

@@ -9,7 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from fem_tfm.materials import Gas, Solids
-from fem_tfm.models.pointwise import VOID_FRACTION, ClosureSet, Pointwise, Regularisation
+from fem_tfm.models.pointwise import (
+    PACKING_PRESSURE,
+    VOID_FRACTION,
+    ClosureSet,
+    Pointwise,
+    Regularisation,
+)
 
 # granular temperature of a void where the problem asks for none [m2/s2]
 SMALLEST_THETA = 1e-12
@@ -56,6 +62,7 @@ class UnsteadyProblem:
 
     def pointwise(self) -> Pointwise:
         """Coefficients of both phases in cells, regularised by the scales of the problem."""
+        density = self.solids.density if self.solids else 0.0
         regularisation = Regularisation.scaled(
             self.gas_velocity,
             self.diameter,
@@ -64,5 +71,6 @@ class UnsteadyProblem:
             max(self.theta_floor, SMALLEST_THETA),
             self.grain_gap,
             void_fraction=VOID_FRACTION,
+            packing_pressure=PACKING_PRESSURE * density * self.gas_velocity**2,
         )
         return Pointwise(self.gas, self.solids, self.closures, regularisation, self.diameter)

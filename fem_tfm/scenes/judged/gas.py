@@ -12,8 +12,10 @@ from fem_tfm.materials import SPECIES
 
 # bounds outside of which a number was hardly meant: densities [kg/m3], temperature [K], viscosities
 # of gases [Pa s], length over diameter, and the density over that of air of the same pressure
-THIN_GAS, HEAVY_GAS, COLD_GAS, SHORTEST_LINE = 0.02, 200.0, 150.0, 1.0
-GAS_VISCOSITY, LIKE_AIR = (5e-6, 1e-4), (0.05, 20.0)
+THIN_GAS, HEAVY_GAS, COLD_GAS, SHORTEST_LINE = 0.08, 200.0, 230.0, 3.0
+GAS_VISCOSITY, LIKE_AIR = (5e-6, 1e-4), (0.066, 7.0)
+# an absolute pressure of a gas below which nothing is conveyed [Pa]
+LEAST_PRESSURE = 2e4
 # velocity of the gas over that of sound up to which it keeps its density
 LARGEST_MACH = 0.3
 # Reynolds number below which nothing is turbulent, and the least of a turbulent gas
@@ -89,7 +91,7 @@ def of_the_gas(scene: Any) -> Iterator[Derived]:
     its laws of turbulence hold.
     """
     gas = scene.model.gas
-    density = Derived(DENSITY, gas.density, "kg/m3", _doubt_of_density(gas))
+    density = Derived(DENSITY, gas.density, "kg/m3", _doubt_of_density(scene))
     yield density
     viscosity, (low, high) = Derived(VISCOSITY, gas.viscosity, "Pa s"), GAS_VISCOSITY
     # Sutherland's viscosity is small where the temperature is, which is doubted already
@@ -101,23 +103,31 @@ def of_the_gas(scene: Any) -> Iterator[Derived]:
     width, doubt = scene.geometry.hydraulic_diameter, ""
     ratio = scene.geometry.length / width
     if ratio < SHORTEST_LINE:
-        doubt = f"the line is wider than long; is its diameter of {width:g} m in metres?"
+        doubt = (
+            f"the line is wider or hardly longer than wide; are its width of {width:g} m and"
+            f" geometry.length = {scene.geometry.length:g} in m?"
+        )
     yield Derived("length over diameter", ratio, "", doubt)
     yield from _of_the_speed(scene, is_doubted((density, viscosity)))
 
 
-def _doubt_of_density(gas: Any) -> str:
+def _doubt_of_density(scene: Any) -> str:
     """Whether a density was hardly meant, or does not belong to the pressure beside it."""
-    stated, (low, high) = gas.pressure, LIKE_AIR
-    if stated is not None and not low <= air_pressure(gas) / stated <= high:
-        return f"no gas has it at an absolute pressure of {stated:g} Pa; is that in Pa, not in bar?"
-    if gas.density < THIN_GAS:
-        doubt = "next to a vacuum"
-        if gas.pressure is not None:
-            doubt += f"; is gas.pressure = {gas.pressure:g} in Pa, not in bar?"
-        return doubt
+    gas, (low, high) = scene.model.gas, LIKE_AIR
     if gas.temperature < COLD_GAS:
         return f"is gas.temperature = {gas.temperature:g} in K, not in degrees Celsius?"
+    stated, outlet = gas.pressure, getattr(scene.feed, "outlet_pressure", None)
+    # the density of an ideal gas follows from its pressure, which is then the one to doubt
+    follows = getattr(gas, "name", None) is not None or getattr(gas, "gas_constant", None)
+    beside = outlet if stated is None else None if follows else stated
+    key = "gas.pressure" if hasattr(gas, "name") else "gas.reference_pressure"
+    if beside is not None and not low <= air_pressure(gas) / beside <= high:
+        where = f"{'operation.outlet_pressure' if stated is None else key} = {beside:g}"
+        return f"no gas has it at {where} Pa; is that in Pa, not in bar, and the density in kg/m3?"
+    if stated is not None and stated < LEAST_PRESSURE:
+        return f"next to a vacuum; is {key} = {stated:g} absolute and in Pa, not in bar or mbar?"
+    if gas.density < THIN_GAS:
+        return "next to a vacuum; is gas.density in kg/m3, not in g/cm3 or lb/ft3?"
     if gas.density > HEAVY_GAS:
         return "that of a liquid; is the density or pressure of the gas in SI units?"
     return ""

@@ -10,13 +10,13 @@ from typing import Any
 from fem_tfm.scenes.judged.gas import SHORTEST_LINE, Derived
 
 # a line that is wider [m] or longer over its diameter was hardly meant, nor such a gravity [m/s2]
-WIDEST, LONGEST, HEAVIEST = 3.0, 2e4, 20.0
+WIDEST, LONGEST, HEAVIEST = 1.0, 2e4, 20.0
 # the longest line with a bend over its diameter: bends are solved in time, all of them
 LONGEST_BEND = 1000.0
-# angles that are usual in degrees, looked for in radians, and how closely
-USUAL, CLOSE = (30.0, 45.0, 60.0, 90.0, 180.0), 2e-3
+# angles that are usual in degrees, looked for in radians, and how closely: rounded to two digits
+USUAL, CLOSE = (10.0, 15.0, 20.0, 30.0, 45.0, 60.0, 90.0, 180.0), 5.5e-3
 # pressure at the outlet over that of the gas, outside of which one of them is wrong
-LIKE_GAS = (0.5, 2.0)
+LIKE_GAS, LIKE_COMPRESSIBLE = (0.5, 2.0), (0.05, 20.0)
 
 
 def of_the_line(scene: Any) -> Iterator[Derived]:
@@ -24,7 +24,7 @@ def of_the_line(scene: Any) -> Iterator[Derived]:
     geometry, feed = scene.geometry, scene.feed
     width = geometry.hydraulic_diameter
     if width > WIDEST and geometry.length > SHORTEST_LINE * width:
-        doubt = "is the width of the line in m, not in cm or mm?"
+        doubt = "is the width of the line in m, not in cm, mm or inches?"
         yield Derived("hydraulic diameter", width, "m", doubt)
     if geometry.length > (LONGEST if geometry.arc is None else LONGEST_BEND) * width:
         doubt = f"is geometry.length = {geometry.length:g} in m, not in mm?"
@@ -44,8 +44,8 @@ def of_the_line(scene: Any) -> Iterator[Derived]:
 def of_the_pressures(scene: Any) -> Iterator[Derived]:
     """Whether the pressure at the outlet is that of another gas."""
     feed, gas = scene.feed, scene.model.gas
-    if feed.outlet_pressure and gas.pressure and not gas.compressible:
-        low, high = LIKE_GAS
+    if feed.outlet_pressure and gas.pressure:
+        low, high = LIKE_GAS if not gas.compressible else LIKE_COMPRESSIBLE
         share = feed.outlet_pressure / gas.pressure
         if not low <= share <= high:
             doubt = (

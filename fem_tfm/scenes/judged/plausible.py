@@ -34,12 +34,15 @@ from fem_tfm.scenes.judged.grains import (
 )
 from fem_tfm.scenes.judged.line import of_the_line, of_the_pressures
 
-# angle of internal friction that was hardly meant [deg]
-LEAST_ANGLE = 5.0
+# angles of friction of grains and walls [deg], restitution, and packing from which grains rub,
+# beyond which they were hardly meant
+ANGLES, LEAST_RESTITUTION, LEAST_PACKING = (5.0, 60.0), 0.1, 0.1
 # loadings outside of which nothing is conveyed
 LEAST_LOADING, LARGEST_LOADING = 1e-4, 300.0
 # a flux of solids needs a velocity beyond these over and above that of the gas [-], [m/s]
 FAST, FASTER_BY = 3.0, 10.0
+# velocity at which solids enter over that of the gas between them, from which it was hardly meant
+OUTRUN = 1.3
 # Rouse numbers below and above which grains stay up and settle, and von Karman's constant
 SUSPENDED, SETTLED, KARMAN = 0.3, 1.0, 0.41
 # grains that correlations were made for [m], hold-up of dilute flow, and the least share of the
@@ -50,7 +53,7 @@ DILUTE, LEAST_FRICTION = 0.01, 0.5
 CLUSTERED, CLUSTER_LOADING = 4.0, 0.5
 # drop over the absolute pressure from which a gas of one density is no answer, and a pressure at
 # the outlet that was hardly meant [Pa]
-LARGEST_DROP, LEAST_OUTLET = 0.4, 1000.0
+LARGEST_DROP, LEAST_OUTLET = 0.4, 2e4
 
 
 def derived(scene: Any) -> list[Derived]:
@@ -64,25 +67,63 @@ def derived(scene: Any) -> list[Derived]:
 def _of_the_solids(scene: Any, blamed: bool) -> Iterator[Derived]:
     solids, feed = scene.model.solids, scene.feed
     yield from of_the_grains(scene, solids, "solids", blamed)
-    if solids.friction_angle_deg < LEAST_ANGLE:
-        doubt = "grains have 15 to 45; is solids.friction_angle_deg in degrees, not in radians?"
-        yield Derived("angle of internal friction", solids.friction_angle_deg, "deg", doubt)
+    yield from _of_the_properties(scene)
     (kind, _), flux = scene.solids_feed, solids_flux(scene)
     if kind == "flux":
         doubt = ""
         if flux > solids.packing_limit * feed.gas_velocity:
+            key = feed_key(scene)
             doubt = (
-                f"more than the gas at {feed.gas_velocity:g} m/s could carry;"
-                f" is operation.{feed.solids_key} = {getattr(feed, feed.solids_key):g} in SI units?"
+                "more than the gas could carry; are operation.gas_superficial_velocity ="
+                f" {feed.gas_velocity:g} and operation.{key} = {getattr(feed, key):g} in SI units?"
             )
+        elif outruns(scene):
+            doubt = (
+                f"the solids enter faster than the gas at {feed.gas_velocity:g} m/s; is"
+                f" operation.solids_velocity = {feed.solids_velocity:g} in m/s, not in km/h?"
+            )
+        blamed = blamed or bool(doubt)
         yield Derived("solids superficial velocity", flux, "m/s", doubt)
     doubt = ""
-    if not LEAST_LOADING <= loading(scene) <= LARGEST_LOADING:
-        doubt = "outside of what is conveyed; are feed and diameter in SI units?"
+    if not LEAST_LOADING <= loading(scene) <= LARGEST_LOADING and not blamed:
+        doubt = "outside of what is conveyed; are feed, gas velocity and diameter in SI units?"
     yield Derived("loading, solids over gas by mass", loading(scene), "", doubt)
     yield Derived("wall distance in grain diameters", scene.wall_offset / solids.diameter, "")
     if feed.gravity > 0:
         yield from _of_settling(scene, blamed)
+
+
+def _of_the_properties(scene: Any) -> Iterator[Derived]:
+    """Properties of grains and walls that are given in other units; those alone that are."""
+    solids, wall = scene.model.solids, scene.model.solids_wall
+    low, high = ANGLES
+    angles = [("solids.friction_angle_deg", solids.friction_angle_deg)]
+    if (angle := getattr(wall, "friction_angle_deg", None)) is not None:
+        angles.append(("walls.solids.friction_angle_deg", angle))
+    for key, angle in angles:
+        if angle < low or angle > high:
+            doubt = f"grains have 15 to 45; is {key} in degrees, not in radians?"
+            yield Derived("angle of friction", angle, "deg", doubt)
+    shares = [("solids.restitution", solids.restitution, LEAST_RESTITUTION)]
+    shares.append(("solids.friction_limit", solids.friction_limit, LEAST_PACKING))
+    for key, share, least in shares:
+        if share < least:
+            doubt = f"is {key} a fraction of 1? Grains have more than {least:g}"
+            yield Derived(key, share, "", doubt)
+
+
+def outruns(scene: Any) -> bool:
+    """Whether the solids are said to enter faster than the gas between them."""
+    feed = scene.feed
+    if feed.solids_velocity is None:
+        return False
+    gas = feed.gas_velocity / (1 - min(feed.solids_fraction, 0.9))
+    return bool(feed.solids_velocity > OUTRUN * gas)
+
+
+def feed_key(scene: Any) -> str:
+    """Name of the number of the feed of solids that is most likely wrong where it is too large."""
+    return "solids_velocity" if outruns(scene) else str(scene.feed.solids_key)
 
 
 def rouse_number(scene: Any, grains: Any) -> float:
@@ -162,10 +203,10 @@ def _of_the_drop(scene: Any, blamed: bool) -> Iterator[Derived]:
     if share > LARGEST_DROP and not gas.compressible and not blamed:
         doubt = (
             f"a gas of one density has no answer above {LARGEST_DROP:g}; shorten the line, or solve"
-            " it in parts"
+            f" it in parts, if feed and pressure of {pressure:g} Pa are in SI units"
         )
         if pressure < LEAST_OUTLET:
-            doubt = f"is operation.outlet_pressure = {pressure:g} in Pa, not in bar?"
+            doubt = f"is operation.outlet_pressure = {pressure:g} absolute and in Pa, not in bar?"
     name, unit = (
         "pressure drop by correlations over the pressure",
         f"({guessed})" if guessed else "",
@@ -274,7 +315,7 @@ def check_flux(scene: Any) -> None:
     (kind, flux), gas, limit = scene.solids_feed, scene.feed.gas_velocity, scene.model.solids
     most = limit.packing_limit * max(FAST * gas, gas + FASTER_BY)
     if kind == "flux" and flux > most:
-        key, light = scene.feed.solids_key, scene.model.solids.density < LIGHT_GRAINS
+        key, light = feed_key(scene), scene.model.solids.density < LIGHT_GRAINS
         words = (
             f"less: it is a superficial velocity of {flux:.4g} m/s beside gas at {gas:g} m/s,"
             f" and packed grains at {FAST:g} times that carry {most:.4g} m/s; units are SI"

@@ -29,6 +29,7 @@ from fem_tfm.scenes.judged.gas import Derived, is_doubted, of_the_gas
 from fem_tfm.scenes.judged.grains import of_the_grains
 from fem_tfm.scenes.judged.line import of_the_line
 from fem_tfm.scenes.judged.memory import refuse_beyond
+from fem_tfm.scenes.judged.times import of_the_times, too_long
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.physics import Physics
 from fem_tfm.scenes.recorder import Setting
@@ -348,6 +349,7 @@ class Slug(Scene[Physics, TubeRecorder]):
     def derived(self) -> list[Derived]:
         """Numbers of gas and grains, and what they give away."""
         found = [*of_the_gas(self), *of_the_line(self)]
+        found += of_the_times(self, any(number.doubt for number in found))
         blamed = is_doubted(found)
         found += of_the_grains(self, self.model.solids, "solids", blamed)
         blamed = any(number.doubt for number in found)
@@ -458,7 +460,7 @@ class Slug(Scene[Physics, TubeRecorder]):
             "skipped": self.left_out(),
             "inferred": list(self.inferred) or "nothing",
             "numbers": self.numbers() or "none",
-            "warnings": self.warnings() or "none",
+            "warnings": [*self.warnings(), *too_long(self)] or "none",
             "meshes": f"{extent.nodes} nodes of the pressure",
             "steps": (
                 f"{self.numerics.gas_step:g} s for the gas, {extent.inner_steps} times shorter for"
