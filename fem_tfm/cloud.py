@@ -29,6 +29,8 @@ Force = Literal["drag", "gravity", "pressure-gradient", "saffman", "magnus", "ad
 POWER = 1 / 7
 # the finest and the coarsest share of the mass that a size distribution keeps
 TAILS = (1e-3, 1 - 1e-3)
+# the widest distribution of Rosin and Rammler that is spread over decades alone
+LEAST_EXPONENT = 0.3
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class Material(Parameters):
     temperature: float | None = parameter(
         None, "K", "temperature at the entrance, default that of the gas", ge=100, le=5000
     )
-    heat_capacity: float = parameter(800.0, "J/kg/K", "heat capacity", ge=50, le=1e5)
+    heat_capacity: float = parameter(800.0, "J/kg/K", "heat capacity", ge=100, le=1e5)
     table: ClassVar[str] = "materials"
 
     def __post_init__(self) -> None:
@@ -73,7 +75,7 @@ class Material(Parameters):
             raise InputError("materials.name", self.name, words)
         if self.mass_flow is not None and self.loading is not None:
             raise InputError("materials.loading", self.loading, "no loading beside mass_flow")
-        least = {"uniform": None, "lognormal": 1.0, "rosin-rammler": 0.0}[self.size]
+        least = {"uniform": None, "lognormal": 1.0, "rosin-rammler": LEAST_EXPONENT}[self.size]
         if (self.spread is None) != (least is None):
             words = f"{'no' if least is None else 'a'} spread beside size = {self.size!r}"
             raise InputError("materials.spread", self.spread, words)

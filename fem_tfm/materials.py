@@ -91,7 +91,7 @@ class Gas(Parameters):
         False, doc="density of an ideal gas that follows the pressure of an unsteady flow"
     )
     name: str | None = parameter(None, doc="an ideal gas by its name", key="gas.species")
-    gas_constant: float | None = parameter(None, "J/kg/K", "an ideal gas by R", ge=10, le=5000)
+    gas_constant: float | None = parameter(None, "J/kg/K", "an ideal gas by R", ge=40, le=5000)
     table: ClassVar[str] = "gas"
 
     def __post_init__(self) -> None:
@@ -239,6 +239,11 @@ class Solids(Parameters):
         super().__post_init__()
         low, high = self.friction_limit, self.packing_limit
         if not isinstance(low, Expr) and not isinstance(high, Expr) and low >= high:
+            limits = {f.name: f.default for f in fields(type(self))}
+            if low == limits["friction_limit"]:
+                # the other one was given
+                words = f"a number above solids.friction_limit = {low}"
+                raise InputError("solids.packing_limit", high, words)
             words = f"a number below solids.packing_limit = {high}"
             raise InputError("solids.friction_limit", low, words)
 

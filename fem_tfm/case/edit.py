@@ -18,6 +18,7 @@ from fem_tfm.scenes.reading import AUTO, CHOOSING, SOLUTION, one_of, unknown_key
 # ways to give one thing, each a key with its companions: a changed key replaces the other ways
 INSTEAD: dict[str, dict[str, tuple[str, ...]]] = {
     "operation": {**dict.fromkeys(FEEDS, ()), "solids_fraction": ("solids_velocity",)},
+    "geometry": {"diameter": (), "width": ("height",)},
     "gas": {"density": (), "species": ("pressure",), "gas_constant": ("pressure",)},
 }
 

@@ -22,7 +22,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from fem_tfm.closures.base import Closure, parameter, register
-from fem_tfm.closures.ops import Value, positive_part, sin, softplus, sqrt, tanh
+from fem_tfm.closures.ops import Value, is_expr, positive_part, sin, softplus, sqrt, tanh
+from fem_tfm.errors import InputError
 from fem_tfm.materials import Solids
 
 _SQRT2 = math.sqrt(2)
@@ -338,9 +339,15 @@ class MuI(JohnsonJacksonPressure):
     Source: Jop, Forterre and Pouliquen (2006), Nature 441, 727-730.
     """
 
-    mu_s: float = parameter(0.38, "-", "friction of slow shear", gt=0)
-    mu_2: float = parameter(0.64, "-", "friction of fast shear", gt=0)
-    I_0: float = parameter(0.279, "-", "inertial number of the change", gt=0)
+    mu_s: float = parameter(0.38, "-", "friction of slow shear", gt=0, le=2)
+    mu_2: float = parameter(0.64, "-", "friction of fast shear", gt=0, le=3)
+    I_0: float = parameter(0.279, "-", "inertial number of the change", gt=0, le=10)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not is_expr(self.mu_s, self.mu_2) and self.mu_2 < self.mu_s:
+            words = f"at least mu_s = {self.mu_s:g}, a coefficient without a unit"
+            raise InputError("mu_2", self.mu_2, words)
 
     def stress(
         self, alpha_s: Value, theta: Value, shear: Value, dilation: Value, solids: Solids

@@ -168,11 +168,14 @@ class Bend(Pipe):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.axis_radius <= self.diameter / 2:
-            words = f"a radius above half the diameter, {self.diameter / 2:g} m"
+            words = f"a radius above half of geometry.diameter, {self.diameter / 2:g} m"
             raise InputError("geometry.bend_radius", self.bend_radius, words)
         before, arc, _ = self.legs
         if before + arc > self.length * (1 + 1e-9):
-            words = f"at least the leg before the bend and its arc, {before + arc:g} m"
+            words = (
+                f"at least the leg before the bend of {before:g} m and its arc of {arc:g} m, whose"
+                f" radius is {self.axis_radius:g} m"
+            )
             raise InputError("geometry.length", self.length, words)
         if self.bend_towards == "side" and self.symmetry not in ("auto", "none"):
             words = "'none' or 'auto' where the bend turns to the side"

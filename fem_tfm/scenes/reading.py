@@ -31,6 +31,15 @@ CHOOSING = {
     "solution": (AUTO, "how the axis is treated; auto is developed"),
     "geometry.shape": (Pipe.shape, "shape of the line"),
 }
+# what users call a key, where it looks more like another one
+OTHER_NAMES = {
+    "gas_velocity": "gas_superficial_velocity",
+    "gas_mass_flow": "gas_superficial_velocity",
+    "velocity": "gas_superficial_velocity",
+    "radius": "diameter",
+    "particle_diameter": "diameter",
+    "loading": "solids_mass_flow",
+}
 
 
 # -- from tables -----------------------------------------------------------------------------------
@@ -172,6 +181,8 @@ def unknown_key(key: str, value: Any) -> InputError:
     outside = in_order({k.partition(".")[0] for k in known})
     beside = [k for k in known if k.rpartition(".")[0] == table] if table else outside
     namesakes = [k for k in known if k.endswith(f".{name}")]
+    if f"{table}.{OTHER_NAMES.get(name)}" in known:
+        namesakes = [f"{table}.{OTHER_NAMES[name]}"]
     near = nearest(key, namesakes) or next(iter(namesakes), None)
     if near is None:
         leaves = {k.rpartition(".")[2]: k for k in beside}

@@ -567,8 +567,11 @@ def test_legs_of_a_bend(dense: dict[str, Any]) -> None:
         ({"initial.state": "bed", "initial.bed_start": 1e4}, "a place before the outlet"),
         ({"initial.bed_start": 0.1, "initial.bed_end": 0.1}, "a place behind initial.bed_start"),
         ({"operation.solids_schedule": [[0, 1], [1, 3]]}, "factors below 2.57143, where it packs"),
-        (BEND | {"geometry.bend_radius": 0.004}, "a radius above half the diameter"),
-        (BEND | {"geometry.bend_start": 0.15}, "at least the leg before the bend and its arc"),
+        (BEND | {"geometry.bend_radius": 0.004}, "a radius above half of geometry.diameter"),
+        (
+            BEND | {"geometry.bend_start": 0.15},
+            "at least the leg before the bend of 0.15 m and its arc",
+        ),
         (BEND | {"geometry.bend_towards": "side", "geometry.symmetry": "half"}, "'none' or 'auto'"),
     ],
 )

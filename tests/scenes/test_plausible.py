@@ -150,6 +150,149 @@ def test_other_flows_than_dense_solids_doubt_their_numbers(
     assert word in told
 
 
+LINE = RISER | {"geometry": {"diameter": 0.05, "length": 10.0}}
+IN_TIME = LINE | {
+    "solution": "unsteady",
+    "operation": {
+        "gas_superficial_velocity": 12.0,
+        "solids_fraction": 0.01,
+        "solids_velocity": 6.0,
+    },
+    "initial": {"state": "inlet"},
+    "numerics": {"end_time": 1.0},
+}
+HOT = DUCT | {"heat": {"wall": "flux", "wall_flux": 1000.0}}
+
+
+@pytest.mark.parametrize(
+    ("tables", "changes", "word"),
+    [
+        (LINE, {"gas.pressure": 5000.0}, "gas.pressure = 5000 absolute and in Pa, not in bar"),
+        (GAS_ALONE, {"gas.density": 0.0012}, "is gas.density in kg/m3, not in g/cm3 or lb/ft3?"),
+        (
+            GAS_ALONE,
+            {"gas.density": 0.075, "operation.outlet_pressure": 1e5},
+            "no gas has it at operation.outlet_pressure = 100000 Pa",
+        ),
+        (LINE, {"gas.temperature": 200.0}, "is gas.temperature = 200 in K"),
+        (LINE, {"geometry.diameter": 2.0}, "hydraulic diameter 2 m: is the width of the line in m"),
+        (LINE, {"geometry.length": 0.1}, "are its width of 0.05 m and geometry.length = 0.1 in m?"),
+        (LINE, {"geometry.inclination_deg": 0.79}, "not in radians (45 deg)?"),
+        (LINE, {"geometry.inclination_deg": 0.175}, "not in radians (10 deg)?"),
+        (LINE, {"solids.diameter": 0.01}, "grains block such a line; is solids.diameter = 0.01"),
+        (LINE, {"solids.restitution": 0.009}, "is solids.restitution a fraction of 1?"),
+        (LINE, {"solids.friction_limit": 0.004}, "is solids.friction_limit a fraction of 1?"),
+        (
+            LINE,
+            {"walls.solids": {"model": "johnson-jackson", "friction_angle_deg": 0.47}},
+            "is walls.solids.friction_angle_deg in degrees",
+        ),
+        (
+            LINE,
+            {"operation.gas_superficial_velocity": 0.0236},
+            "are operation.gas_superficial_velocity = 0.0236 and operation.solids_mass_flow = 0.1",
+        ),
+        (IN_TIME, {"operation.solids_velocity": 21.6}, "operation.solids_velocity = 21.6 in m/s"),
+        (IN_TIME, {"numerics.end_time": 2000.0}, "is numerics.end_time = 2000 in s, not in ms?"),
+        (IN_TIME, {"numerics.end_time": 1e-3}, "is numerics.end_time = 0.001 in s, not in ms?"),
+        (IN_TIME, {"output.interval": 5.0}, "nothing is written before the end at 1 s"),
+        (
+            IN_TIME,
+            {"operation.gas_schedule": [[0.0, 0.0], [0.5, 12.0]]},
+            "largest factor of operation.gas_schedule 12",
+        ),
+        (
+            IN_TIME,
+            {"operation.solids_schedule": [[0.0, 0.0], [5.0, 1.0]]},
+            "are the times of operation.solids_schedule in s?",
+        ),
+        (HOT, {"heat.wall_flux": 1.0}, "is heat.wall_flux = 1 in W/m2, not in kW/m2 or W?"),
+        (HOT, {"heat.wall_flux": 1e6}, "is heat.wall_flux = 1e+06 in W/m2"),
+        (HOT, {"heat.prandtl": 7.1}, "is heat.prandtl = 7.1 in SI units?"),
+        (HOT, {"heat.heat_capacity": 100.0}, "is heat.heat_capacity = 100 in SI units?"),
+        (
+            HOT,
+            {
+                "solution": "developing",
+                "heat.wall": "temperature",
+                "heat.wall_temperature": 120.0,
+            },
+            "is heat.wall_temperature = 120 in K?",
+        ),
+        (
+            TUBE,
+            {"operation.gas_superficial_velocity": 3.85e-5},
+            "the gas moves no plug; is operation.gas_superficial_velocity = 3.85e-05 in m/s",
+        ),
+        (
+            TUBE,
+            {"walls.contact": {"model": "viscous-coulomb", "stiffness": 1e-2}},
+            "is walls.contact.stiffness in N/m, not in N/mm?",
+        ),
+        (
+            TUBE,
+            {"closures.contact": {"model": "hertz-mindlin", "young_modulus": 210.0}},
+            "is closures.contact.young_modulus in Pa, not in MPa or GPa?",
+        ),
+    ],
+)
+def test_one_sentence_tells_a_slip_by_its_key(
+    tables: dict[str, Any], changes: dict[str, Any], word: str
+) -> None:
+    case = Case.from_dict(tables)
+    assert doubts(case.scene.derived()) == []
+    (told,) = doubts(case.with_values(changes).scene.derived())
+    assert word in told
+
+
+@pytest.mark.parametrize(
+    ("tables", "changes", "key", "word"),
+    [
+        (IN_TIME, {"operation.gas_schedule": [[0.0, 0.0]]}, "operation.gas_schedule", "one above"),
+        (
+            IN_TIME,
+            {"operation.solids_schedule": [[0.0, 0.0], [math.inf, 1.0]]},
+            "operation.solids_schedule",
+            "times that grow",
+        ),
+        (LINE, {"solids.packing_limit": 0.37}, "solids.packing_limit", "solids.friction_limit"),
+        (LINE, {"gas.pressure": 1e9}, "gas.pressure", "at most 2000"),
+        (
+            LINE,
+            {"closures.friction": {"model": "mu-i", "mu_s": 0.64, "mu_2": 0.38}},
+            "closures.friction.mu_2",
+            "at least mu_s",
+        ),
+        (TUBE, {"numerics.time_step": 2e-11}, "numerics.time_step", "a contact takes"),
+        (LINE, {"geometry.radius": 0.03}, "geometry.radius", "'geometry.diameter'"),
+        (
+            LINE,
+            {"operation.gas_velocity": 3.0},
+            "operation.gas_velocity",
+            "'operation.gas_superficial_velocity'",
+        ),
+    ],
+)
+def test_what_cannot_be_is_refused_by_its_key(
+    tables: dict[str, Any], changes: dict[str, Any], key: str, word: str
+) -> None:
+    with pytest.raises(InputError, match=word) as caught:
+        Case.from_dict(tables).with_values(changes)
+    assert caught.value.key == key
+
+
+def test_a_run_of_days_is_told() -> None:
+    scene = Case.from_dict(IN_TIME).scene
+    assert scene.describe()["warnings"] == "none"
+    slow = Case.from_dict(IN_TIME).with_values({"numerics.largest_time_step": 1e-9}).scene
+    assert any("days of CPU time" in text for text in slow.describe()["warnings"])
+
+
+def test_a_width_takes_the_place_of_a_diameter() -> None:
+    case = Case.from_dict(LINE).with_values({"geometry.shape": "duct", "geometry.width": 0.05})
+    assert case["geometry.width"] == 0.05
+
+
 def test_a_slow_gas_is_not_doubted_where_laminar_or_where_solids_decide() -> None:
     slow = {"operation.gas_superficial_velocity": 0.3}
     laminar = {"closures.turbulence": "laminar", "walls.gas": "no-slip"}

@@ -44,11 +44,11 @@ class Finnie(Wear):
     Source: Finnie (1960), Wear 3, 87-103.
     """
 
-    p: float = parameter(1.5e9, "Pa", "flow stress of the wall", gt=0)
+    p: float = parameter(1.5e9, "Pa", "flow stress of the wall", ge=1e6, le=1e11)
     psi: float = parameter(2.0, "-", "depth of contact over depth of cut", gt=0)
-    K: float = parameter(2.0, "-", "vertical over horizontal force", gt=0)
+    K: float = parameter(2.0, "-", "vertical over horizontal force", gt=0, le=100)
     C: float = parameter(0.5, "-", "share of grains that cut", gt=0, le=1)
-    rho_w: float = parameter(7800.0, "kg/m3", "density of the wall", gt=0)
+    rho_w: float = parameter(7800.0, "kg/m3", "density of the wall", ge=100, le=25000)
 
     def removed(self, speed: Array, angle: Array, mass: Array, diameter: Array) -> Array:
         """Mass of the wall that impacts remove [kg]."""
@@ -74,15 +74,15 @@ class Oka(Wear):
     102-109.
     """
 
-    H: float = parameter(1.2, "GPa", "Vickers hardness of the wall", gt=0, le=20)
+    H: float = parameter(1.2, "GPa", "Vickers hardness of the wall", ge=0.01, le=20)
     K: float = parameter(65.0, "-", "kind of the particle", gt=0)
     k1: float = parameter(-0.12, "-", "exponent of the hardness")
-    k3: float = parameter(0.19, "-", "exponent of the diameter")
+    k3: float = parameter(0.19, "-", "exponent of the diameter", ge=-2, le=2)
     s1: float = parameter(0.71, "-", "factor of n1", gt=0)
     q1: float = parameter(0.14, "-", "exponent of the hardness in n1")
     s2: float = parameter(2.4, "-", "factor of n2", gt=0)
     q2: float = parameter(-0.94, "-", "exponent of the hardness in n2")
-    rho_w: float = parameter(7800.0, "kg/m3", "density of the wall", gt=0)
+    rho_w: float = parameter(7800.0, "kg/m3", "density of the wall", ge=100, le=25000)
     slowest: ClassVar[float] = 50.0
 
     def removed(self, speed: Array, angle: Array, mass: Array, diameter: Array) -> Array:

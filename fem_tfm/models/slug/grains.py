@@ -26,6 +26,8 @@ from fem_tfm.parameters import Parameters, parameter
 Array = npt.NDArray[np.float64]
 # time steps that a collision takes at least
 STEPS_PER_CONTACT = 10
+# the shortest step over the longest one: finding the damping for it takes as many steps
+SHORTEST = 1e-3
 # contacts of a grain for which tangential damping must be stable
 CONTACTS = 7
 # kinds of walls in the kernel
@@ -95,6 +97,12 @@ class Grain(Parameters):
         mass = float(self.masses(np.array([small]))[0])
         for contact, share in ((self.contact, 0.5), (self.wall_contact, 1.0)):
             limit = contact.contact_time(share * mass, share * small) / STEPS_PER_CONTACT
+            if time_step < SHORTEST * limit:
+                words = (
+                    f"at least {SHORTEST * limit:.2g} s, for a contact takes"
+                    f" {limit * STEPS_PER_CONTACT:.2g} s and {limit:.2g} s follow it well"
+                )
+                raise InputError("numerics.time_step", time_step, words)
             _check(time_step, limit, f"a contact's time of {limit * STEPS_PER_CONTACT:g} s")
         c = self.contact.coefficients(mass / 2, time_step)
         stiffness = c.shear_stiffness or c.stiffness

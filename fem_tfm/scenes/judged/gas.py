@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from fem_tfm.correlations import friction_velocity, sound_speed
+from fem_tfm.correlations import friction_velocity, gnielinski, sound_speed
 from fem_tfm.materials import SPECIES
 
 # bounds outside of which a number was hardly meant: densities [kg/m3], temperature [K], viscosities
@@ -22,6 +22,10 @@ LARGEST_MACH = 0.3
 SLOWEST, TURBULENT = 50.0, 4000.0
 # loading from which the solids decide on the friction of a line, not the gas
 SOLIDS_DECIDE = 1.0
+# Prandtl number and heat capacity of gases [J/kg/K], temperature of a wall or a particle over that
+# of the gas, and rise of a heated wall above the gas [K], outside of which they were hardly meant
+GAS_HEAT = {"prandtl": (0.3, 2.0), "heat_capacity": (400.0, 16000.0)}
+WARM, WALL_RISE = (0.6, 1.7), (0.05, 500.0)
 DENSITY, VISCOSITY = "gas density", "gas viscosity"
 
 
@@ -108,7 +112,39 @@ def of_the_gas(scene: Any) -> Iterator[Derived]:
             f" geometry.length = {scene.geometry.length:g} in m?"
         )
     yield Derived("length over diameter", ratio, "", doubt)
-    yield from _of_the_speed(scene, is_doubted((density, viscosity)))
+    blamed = is_doubted((density, viscosity))
+    yield from _of_the_speed(scene, blamed)
+    if getattr(scene.model, "heat", None) is not None:
+        yield from _of_the_heat(scene, blamed)
+
+
+def _of_the_heat(scene: Any, blamed: bool) -> Iterator[Derived]:
+    """Temperature of the walls, or their rise above the gas by Gnielinski, and what they need.
+
+    blamed : whether density or viscosity are doubted, from which the rise follows
+    """
+    gas, heat = scene.model.gas, scene.model.heat
+    for name, (low, high) in GAS_HEAT.items():
+        value = getattr(heat, name)
+        if not low <= value <= high:
+            doubt = f"gases have {low:g} to {high:g}; is heat.{name} = {value:g} in SI units?"
+            yield Derived(name.replace("_", " "), value, "", doubt)
+    if heat.wall == "temperature":
+        ratio, doubt = heat.wall_temperature / gas.temperature, ""
+        if not WARM[0] <= ratio <= WARM[1]:
+            doubt = (
+                f"is heat.wall_temperature = {heat.wall_temperature:g} in K? The properties of the"
+                f" gas are those at {gas.temperature:g} K"
+            )
+        yield Derived("temperature of the wall over that of the gas", ratio, "", doubt)
+    elif scene.reynolds > TURBULENT and not blamed:
+        conductivity = heat.heat_capacity * gas.viscosity / heat.prandtl
+        nusselt = gnielinski(scene.reynolds, heat.prandtl)
+        rise = heat.wall_flux * scene.geometry.hydraulic_diameter / (conductivity * nusselt)
+        doubt, (low, high) = "", WALL_RISE
+        if heat.wall_flux and not low <= abs(rise) <= high:
+            doubt = f"is heat.wall_flux = {heat.wall_flux:g} in W/m2, not in kW/m2 or W?"
+        yield Derived("wall above the gas by Gnielinski", rise, "K", doubt)
 
 
 def _doubt_of_density(scene: Any) -> str:

@@ -14,7 +14,9 @@ from fem_tfm.scenes.judged.gas import Derived
 LIGHT_GRAINS, LIGHT_RATIO = 20.0, 3.0
 # the smallest grain that a gas carries as a continuum [m], the factor by which it may slip along
 # it, and the least width of a line in grains
-SMALLEST_GRAIN, LARGEST_SLIP, NARROWEST = 1e-6, 1.15, 3.0
+SMALLEST_GRAIN, LARGEST_SLIP = 1e-6, 1.15
+# discrete grains in a tube, and grains that are followed or averaged as a phase
+NARROWEST, NARROWEST_PHASE = 3.0, 8.0
 # lines steeper than this do not let grains settle [deg]
 STEEP = 45.0
 
@@ -40,7 +42,7 @@ def of_the_grains(scene: Any, grains: Any, key: str, blamed: bool) -> Iterator[D
         )
     yield Derived("slip of the gas along a grain, by Cunningham", slip, "", doubt)
     across, doubt = width / grains.diameter, ""
-    if across < NARROWEST:
+    if across < (NARROWEST if scene.model.flow == "slug" else NARROWEST_PHASE):
         doubt = f"grains block such a line; is {key}.diameter = {grains.diameter:g} in m?"
     yield Derived("width of the line in grain diameters", across, "", doubt)
 

@@ -15,7 +15,7 @@ from fem_tfm.cloud import Cloud, Material
 from fem_tfm.errors import InputError
 from fem_tfm.materials import Solids
 from fem_tfm.models.particles.tracker import drag_factor
-from fem_tfm.scenes.judged.gas import Derived
+from fem_tfm.scenes.judged.gas import WARM, Derived
 from fem_tfm.scenes.judged.grains import is_steep, of_falling, of_saltation, of_the_grains
 from fem_tfm.scenes.judged.memory import refuse_beyond
 from fem_tfm.scenes.judged.plausible import lifts
@@ -27,7 +27,7 @@ RELATIVE, MEETING = 0.03, 0.3
 # Reynolds number at which a law of lone particles is near Stokes's, and how far it may be
 CREEPING, BED_LAW = 0.01, 0.5
 # velocity of particles at the entrance over that of the gas that was hardly meant
-FASTEST = 3.0
+FASTEST = 1.5
 # beyond this fraction a cloud of parcels is no model
 DENSE = 0.1
 # measured: steps of a parcel over a line in units of its eddies, CPU time of a step [s]
@@ -196,6 +196,12 @@ def _of_a_material(scene: Any, material: Material, at: int, blamed: bool) -> Ite
             f"is particles.materials[{at}].velocity = {material.velocity:g} in m/s, not in km/h?"
         )
         yield Derived("velocity at the entrance over that of the gas", ratio, "", doubt)
+    if material.temperature is not None:
+        ratio, doubt = material.temperature / scene.model.gas.temperature, ""
+        if not WARM[0] <= ratio <= WARM[1]:
+            given = f"particles.materials[{at}].temperature = {material.temperature:g}"
+            doubt = f"is {given} in K, not in degrees Celsius?"
+        yield Derived("temperature at the entrance over that of the gas", ratio, "", doubt)
     if "gravity" not in scene.particles.forces or not scene.feed.gravity > 0:
         return
     yield of_falling(scene, grains)

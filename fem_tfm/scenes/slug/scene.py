@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, dataclass, fields
 from functools import cached_property
 from typing import Any, ClassVar, Literal
@@ -49,6 +49,8 @@ COARSE, FINEST = 1.25, 20
 PACKED, TOO_WEAK = 0.4, 2.0
 # overlap of two grains over their diameter that was hardly meant
 SOFTEST = 0.5
+# push of the gas on a packed plug over its weight that moves nothing
+WEAKEST = 0.05
 # share of the samples with a filled tube that is told
 FULL = 0.1
 # most triangles of a wall
@@ -353,25 +355,45 @@ class Slug(Scene[Physics, TubeRecorder]):
         blamed = is_doubted(found)
         found += of_the_grains(self, self.model.solids, "solids", blamed)
         blamed = any(number.doubt for number in found)
-        return [*found, self._overlap(blamed), self._inertia(blamed)]
+        return [*found, *self._overlaps(blamed), self._push(blamed), self._inertia(blamed)]
 
-    def _overlap(self, blamed: bool) -> Derived:
-        """Whether contacts are so soft that grains pass through each other.
+    def _push(self, blamed: bool) -> Derived:
+        """Force of the gas on a packed plug over the weight of the plug.
+
+        blamed : whether another number is doubted, from which this follows
+        """
+        gas, grains, speed = self.model.gas, self.model.solids, self.feed.gas_velocity
+        a, b = gas.permeability.resistance(PACKED, gas, grains.diameter)
+        weight, doubt = grains.density * (1 - PACKED) * self.feed.gravity, ""
+        push = (a + b * speed) * speed / weight if weight > 0 else math.inf
+        if push < WEAKEST and not blamed:
+            doubt = (
+                "the gas moves no plug; is operation.gas_superficial_velocity ="
+                f" {speed:g} in m/s, not in m3/s or kg/s?"
+            )
+        return Derived("push of the gas on a packed plug over its weight", push, "", doubt)
+
+    def _overlaps(self, blamed: bool) -> Iterator[Derived]:
+        """Whether contacts are so soft that grains pass through each other or through the wall.
 
         Two grains that meet at the velocity of the gas overlap by about v t_c/pi, with the time
         t_c of the contact; exactly so with a linear spring.
 
         blamed : whether another number is doubted, from which this follows
         """
-        grains, doubt = self.model.solids, ""
-        touching = grains.contact.contact_time(grains.mean_mass / 2, grains.diameter / 4)
-        overlap = self.feed.gas_velocity * touching / math.pi / grains.diameter
-        if overlap > SOFTEST and not blamed:
-            doubt = (
-                "such contacts let grains pass through each other; is the stiffness of"
-                " closures.contact in N/m, not in N/mm?"
-            )
-        return Derived("overlap of grains that meet, in diameters", overlap, "", doubt)
+        grains = self.model.solids
+        pairs = [("closures.contact", grains.contact, 0.5, "meet")]
+        if grains.wall is not None:
+            pairs.append(("walls.contact", grains.wall, 1.0, "meet the wall"))
+        for key, contact, share, words in pairs:
+            touching = contact.contact_time(share * grains.mean_mass, share * grains.diameter / 2)
+            overlap = self.feed.gas_velocity * touching / math.pi / grains.diameter
+            doubt, linear = "", hasattr(contact, "stiffness")
+            if overlap > SOFTEST and not blamed:
+                name = "stiffness" if linear else "young_modulus"
+                units = "N/m, not in N/mm" if linear else "Pa, not in MPa or GPa"
+                doubt = f"such contacts let grains pass through; is {key}.{name} in {units}?"
+            yield Derived(f"overlap of grains that {words}, in diameters", overlap, "", doubt)
 
     def _inertia(self, blamed: bool) -> Derived:
         """Whether the gas is too fast for a law of resistance without inertia, by Ergun's.
