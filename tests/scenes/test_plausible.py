@@ -263,6 +263,7 @@ def test_one_sentence_tells_a_slip_by_its_key(
             "closures.friction.mu_2",
             "at least mu_s",
         ),
+        (TUBE, {"solids.density": 0.937}, "solids.density", "in kg/m3, not in g/cm3; with it"),
         (TUBE, {"numerics.time_step": 2e-11}, "numerics.time_step", "a contact takes"),
         (LINE, {"geometry.radius": 0.03}, "geometry.radius", "'geometry.diameter'"),
         (

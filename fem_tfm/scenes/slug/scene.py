@@ -26,7 +26,7 @@ from fem_tfm.output.result import unit_of
 from fem_tfm.output.slug.files import FILES
 from fem_tfm.parameters import Parameters, parameter
 from fem_tfm.scenes.judged.gas import Derived, is_doubted, of_the_gas
-from fem_tfm.scenes.judged.grains import of_the_grains
+from fem_tfm.scenes.judged.grains import LIGHT_GRAINS, of_the_grains
 from fem_tfm.scenes.judged.line import of_the_line
 from fem_tfm.scenes.judged.memory import refuse_beyond
 from fem_tfm.scenes.judged.times import of_the_times, too_long
@@ -158,7 +158,15 @@ class Slug(Scene[Physics, TubeRecorder]):
             raise InputError("averages.low", low, f"a place before averages.high = {high:g} m")
         self._check_wall()
         # what does not fit is refused before anything is written
-        checked_feed(self.geometry, self.model.solids, self.feed, self.numerics)
+        try:
+            checked_feed(self.geometry, self.model.solids, self.feed, self.numerics)
+        except InputError as error:
+            density = self.model.solids.density
+            if density < LIGHT_GRAINS:
+                # the likely cause of grains that are too many, or too light for a step
+                words = f"one in kg/m3, not in g/cm3; with it, {error}"
+                raise InputError("solids.density", density, words) from None
+            raise
         assert self.extent.nodes > 0
         words = "a smaller tube, or larger grains: what is inside"
         refuse_beyond(self.expected_memory, "geometry.length", self.geometry.length, words)
