@@ -91,7 +91,7 @@ class Gas(Parameters):
         False, doc="density of an ideal gas that follows the pressure of an unsteady flow"
     )
     name: str | None = parameter(None, doc="an ideal gas by its name", key="gas.species")
-    gas_constant: float | None = parameter(None, "J/kg/K", "an ideal gas by R", ge=40, le=5000)
+    gas_constant: float | None = parameter(None, "J/kg/K", "an ideal gas by R", ge=10, le=5000)
     table: ClassVar[str] = "gas"
 
     def __post_init__(self) -> None:

@@ -123,8 +123,14 @@ def test_a_section_does_not_depend_on_length_and_inclination() -> None:
         (lambda: bend(bend_start=-1.0), "geometry.bend_start = -1.0"),
         (lambda: bend(bend_towards="left"), "one of up, down, side"),
         (lambda: Bend(0.01, bend_radius=0), "geometry.bend_radius = 0"),
-        (lambda: Bend(0.01, bend_radius=0.004), "a radius above half the diameter, 0.005 m"),
-        (lambda: bend(bend_start=0.15), "at least the leg before the bend and its arc, 0.22854 m"),
+        (
+            lambda: Bend(0.01, bend_radius=0.004),
+            "a radius above half of geometry.diameter, 0.005 m",
+        ),
+        (
+            lambda: bend(bend_start=0.15),
+            "the bend of 0.15 m and its arc of 0.0785398 m, whose radius is 0.05 m",
+        ),
         (lambda: Bend(0.1, length=0.4), "geometry.length = 0.4"),
         (lambda: bend(bend_towards="side", symmetry="half"), "'none' or 'auto' where the bend"),
         (lambda: bend(bend_towards="side", symmetry="quarter"), "'none' or 'auto' where the bend"),

@@ -171,6 +171,11 @@ HOT = DUCT | {"heat": {"wall": "flux", "wall_flux": 1000.0}}
         (GAS_ALONE, {"gas.density": 0.0012}, "is gas.density in kg/m3, not in g/cm3 or lb/ft3?"),
         (
             GAS_ALONE,
+            {"gas.gas_constant": 28.96, "gas.density": None, "gas.pressure": 1e5},
+            "is gas.gas_constant = 28.96 in J/kg/K, and not a molar mass?",
+        ),
+        (
+            GAS_ALONE,
             {"gas.density": 0.075, "operation.outlet_pressure": 1e5},
             "no gas has it at operation.outlet_pressure = 100000 Pa",
         ),

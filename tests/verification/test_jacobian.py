@@ -241,12 +241,13 @@ def unseen(found: Section) -> set[str]:
 
 # lag, smoothing and bound are those of an algebraic Theta; that has no flux through walls, hence no
 # restitution there, and a laminar gas held by the wall knows neither eddies nor their length;
-# grains that take no turbulence leave none, neither a gap nor a fade in voids is asked for, and no
-# bed is as stiff as the cap
+# grains that take no turbulence leave none, neither a gap nor a fade in voids nor a barrier to
+# packing is asked for, and no bed is as stiff as the cap
 OFF = {
     "numerics.k_floor",
     "numerics.grain_gap",
     "numerics.void_fraction",
+    "numerics.packing_pressure",
     "numerics.max_frictional_viscosity",
 }
 INERT = {

@@ -153,8 +153,11 @@ def _doubt_of_density(scene: Any) -> str:
     if gas.temperature < COLD_GAS:
         return f"is gas.temperature = {gas.temperature:g} in K, not in degrees Celsius?"
     stated, outlet = gas.pressure, getattr(scene.feed, "outlet_pressure", None)
+    constant = getattr(gas, "gas_constant", None)
+    if constant is not None and not low <= SPECIES["air"].gas_constant / constant <= high:
+        return f"is gas.gas_constant = {constant:g} in J/kg/K, and not a molar mass?"
     # the density of an ideal gas follows from its pressure, which is then the one to doubt
-    follows = getattr(gas, "name", None) is not None or getattr(gas, "gas_constant", None)
+    follows = constant is not None or getattr(gas, "name", None) is not None
     beside = outlet if stated is None else None if follows else stated
     key = "gas.pressure" if hasattr(gas, "name") else "gas.reference_pressure"
     if beside is not None and not low <= air_pressure(gas) / beside <= high:
