@@ -14,7 +14,7 @@ from dolfinx.mesh import CellType
 
 from fem_tfm.bench import stress_unsteady
 from fem_tfm.errors import SolverError
-from fem_tfm.models.finite_volume import Inflow, StepFailed, UnsteadyFlow, fraction
+from fem_tfm.models.finite_volume import Inflow, StepFailed, UnsteadyFlow, fraction, problem
 from fem_tfm.models.finite_volume.cells.mesh import Array, Cells
 from fem_tfm.models.finite_volume.momentum import Momentum
 from fem_tfm.models.finite_volume.time_levels import Step, implicit_euler
@@ -216,6 +216,16 @@ def test_a_pressure_of_a_high_power_does_not_make_newton_leap(
     monkeypatch.setattr(fraction, "MOST_CUTS", 0)
     monkeypatch.setattr(stress_unsteady, "MOST_STEPS", 70)
     assert stress_unsteady.solve(stress_unsteady.scene(100)).cuts > 1
+
+
+def test_grains_that_nothing_holds_apart_stay_below_packing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # no friction, and a blocked outlet: the barrier alone keeps them off the limit
+    found = stress_unsteady.solve(stress_unsteady.scene(168))
+    assert found.ended and found.cuts <= 5
+    monkeypatch.setattr(problem, "PACKING_PRESSURE", 0.0)
+    assert not stress_unsteady.solve(stress_unsteady.scene(168)).ended
 
 
 def test_eddies_disperse_no_more_than_the_surface_of_a_bed_carries(

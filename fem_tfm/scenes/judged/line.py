@@ -23,7 +23,7 @@ def of_the_line(scene: Any) -> Iterator[Derived]:
     """Width, length, angles and gravity of a line; those alone that give something away."""
     geometry, feed = scene.geometry, scene.feed
     width = geometry.hydraulic_diameter
-    if width > WIDEST and geometry.length > SHORTEST_LINE * width:
+    if width > WIDEST and geometry.length >= SHORTEST_LINE * width:
         doubt = "is the width of the line in m, not in cm, mm or inches?"
         yield Derived("hydraulic diameter", width, "m", doubt)
     if geometry.length > (LONGEST if geometry.arc is None else LONGEST_BEND) * width:
