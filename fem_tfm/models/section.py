@@ -66,6 +66,7 @@ class Section(ABC):
     now, old : unknowns, and those before the step in pseudo-time or along the axis
     owned_dofs : dofs of each unknown that this rank owns
     idt, drive : Constants 1/dt [1/s] and G
+    lag : Constant, share of the rates of the mesh's terms that is that of `old`; 0 in an answer
     newton : the system, whose first border is that of G
     """
 
@@ -83,7 +84,7 @@ class Section(ABC):
         self._numbers: list[fem.Constant] = []
         self._integrals: dict[str, fem.Form] = {}
         self.owned_dofs = [self._sub_dofs(i) for i in range(len(self.names))]
-        self.idt, self.drive = self._constant(0.0), self._constant(0.0)
+        self.idt, self.drive, self.lag = (self._constant(0.0) for _ in range(3))
         self.newton: BorderedNewton
         # what carries the unknowns here from another mesh again and again, by its section
         self.carriers: WeakKeyDictionary[Section, list[Any]] = WeakKeyDictionary()

@@ -255,7 +255,7 @@ def march_of(section: Any, observer: Observer) -> Callable[[PseudoTimeControl], 
 
 def _march(section: Any, control: PseudoTimeControl, observer: Observer) -> PseudoTime:
     parts = section.newton, section.old, section.idt
-    return PseudoTime(*parts, control, observer.step, observer.retry)
+    return PseudoTime(*parts, control, observer.step, observer.retry, section.lag)
 
 
 def solve(

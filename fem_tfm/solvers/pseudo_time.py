@@ -20,6 +20,10 @@ from fem_tfm.solvers.step import StepControl, attempt
 
 # a steady state may still move by this many tolerances in a step of the largest dt
 STEP_ALLOWANCE = 1e4
+# update above which, or below the largest dt, a step holds what `lag` holds
+LAGGED = 1e-3
+# largest growth of dt after a step that was taken back
+CAUTIOUS = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +69,8 @@ class PseudoTime:
     control : step control
     observe : called after each accepted step with the newest row; may raise to stop
     retry : called with the new dt [s] and the reason when a step is taken back
+    lag : Constant, 1 where the residual shall take what stops Newton from `old`, which makes a
+        step easier and convergence linear; 0 near the steady state and afterwards
     """
 
     def __init__(
@@ -75,6 +81,7 @@ class PseudoTime:
         control: PseudoTimeControl,
         observe: Callable[[dict[str, float]], None] = lambda row: None,
         retry: Callable[[float, str], None] = lambda dt, reason: None,
+        lag: fem.Constant | None = None,
     ) -> None:
         self.newton = newton
         self.old = old
@@ -82,6 +89,7 @@ class PseudoTime:
         self.control = control
         self.observe = observe
         self.retry = retry
+        self.lag = lag
 
     def run(self, first: float | None = None) -> History:
         """March to the steady state.
@@ -92,19 +100,38 @@ class PseudoTime:
             when dt falls below its minimum or the steps are used up; the last accepted state is
             kept.
         """
+        try:
+            return self._marched(min(first or self.control.first, self.control.largest))
+        finally:
+            self._hold(False)
+
+    def _marched(self, dt: float) -> History:
+        """Steps from a first dt to the steady state."""
         control, history = self.control, History()
-        dt = min(first or control.first, control.largest)
         for _ in range(control.max_steps):
-            dt = self._accepted_step(dt, history)
+            wanted = dt
+            dt = self._accepted_step(wanted, history)
             row = history.rows[-1]
             self.observe(row)
-            if self._settled(row) or self._confirmed(row, history):
+            if self._exact and (self._settled(row) or self._confirmed(row, history)):
                 return history
-            dt = min(dt * self._growth(row), control.largest)
+            growth = self._growth(row)
+            dt = min(dt * (growth if dt == wanted else min(growth, CAUTIOUS)), control.largest)
         raise SolverError(
             f"not steady after {control.max_steps} pseudo-time steps "
             f"(relative update {history.update:.1e}, wanted {control.tolerance:.0e})"
         )
+
+    def _hold(self, held: bool) -> None:
+        """Take what stops Newton from `old`, or not."""
+        if self.lag is not None:
+            self.lag.value = float(held)
+
+    @property
+    def _exact(self) -> bool:
+        """Whether nothing is held that the tolerance could tell."""
+        held = self.lag is not None and float(self.lag.value) > 0
+        return not held or self.control.tolerance >= LAGGED
 
     def approach(self) -> None:
         """Go towards the steady state with the factors of a neighbouring problem, while they lead.
@@ -162,10 +189,16 @@ class PseudoTime:
             # far above the first step the failure says little: go half-way back (in decades)
             return min(dt * control.cut, math.sqrt(dt * control.first))
 
+        far = bool(history.rows) and history.update > LAGGED
+
+        def step(dt: float) -> dict[str, float]:
+            self._hold(far or dt < control.largest)
+            return self._step(dt)
+
         row = attempt(
             dt,
             control.smallest,
-            self._step,
+            step,
             shrink,
             failures=LinearSolveError,
             restore=self._restore,

@@ -22,6 +22,7 @@ UFL expressions, which is also how the manufactured solutions are made.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -96,6 +97,22 @@ class State:
     ln_eps: Any = None
     ln_k_s: Any = None
     ln_eps_s: Any = None
+
+
+@dataclass(frozen=True)
+class Lag:
+    """A state whose rates the terms of the mesh may take in place of those of the unknowns.
+
+    These rates are absolute values, whose kinks stop Newton where a velocity changes its sign from
+    node to node. A rate that is held through a step makes the step smooth; the steady state is the
+    same.
+
+    share : of the square of each rate that is held, 0 or 1
+    state : that is held
+    """
+
+    share: Any
+    state: State
 
 
 @dataclass(frozen=True)
@@ -184,6 +201,7 @@ class TwoFluidForms:
     numerics : regularisation and stabilisation
     axis : the axial derivative
     domain : measures, normal and distances
+    lag : where the rates of the mesh's terms may come from a state that is held
     """
 
     gas: Gas
@@ -193,6 +211,7 @@ class TwoFluidForms:
     numerics: Stabilisation
     axis: Axis
     domain: Domain
+    lag: Lag | None = None
 
     def __post_init__(self) -> None:
         width = self.domain.diameter
@@ -329,20 +348,34 @@ class TwoFluidForms:
 
         -(alpha_diffusion + capture h^2 |div(alpha_s u_s)|) grad q
         """
+        speed = self._mesh_rate(self._gathering, state, self.numerics.smallest_front_rate)
+        capture = self.numerics.capture * self.domain.cell_area * speed
+        return -(self.numerics.alpha_diffusion + capture) * self.axis.gradient(state.q)
+
+    def grid_viscosity(self, state: State, phase: str) -> Expr:
+        """Kinematic viscosity damping h^2 |grad u_perp| of the mesh for a velocity [m2/s]."""
+
+        def square(state: State) -> Expr:
+            rate = self.axis.jacobian(getattr(state, phase))
+            return sum(rate[i, j] ** 2 for i in range(2) for j in range(2))
+
+        speed = self._mesh_rate(square, state, self.numerics.smallest_rate)
+        return self.numerics.damping * self.domain.cell_area * speed
+
+    def _gathering(self, state: State) -> Expr:
+        """div(alpha_s u_s)^2 [1/s2]."""
         alpha = self.alpha(state)
         rate = ufl.inner(self.axis.gradient(alpha), state.u_s)
         rate += alpha * ufl.tr(self.axis.jacobian(state.u_s))
         rate += self.axis.change(lambda s: self.alpha(s) * s.u_s[2], state)
-        speed = bounded(rate**2, self.numerics.smallest_front_rate)
-        capture = self.numerics.capture * self.domain.cell_area * speed
-        return -(self.numerics.alpha_diffusion + capture) * self.axis.gradient(state.q)
+        return rate**2
 
-    def grid_viscosity(self, u: Expr) -> Expr:
-        """Kinematic viscosity damping h^2 |grad u_perp| of the mesh [m2/s]."""
-        rate = self.axis.jacobian(u)
-        across = sum(rate[i, j] ** 2 for i in range(2) for j in range(2))
-        speed = bounded(across, self.numerics.smallest_rate)
-        return self.numerics.damping * self.domain.cell_area * speed
+    def _mesh_rate(self, square: Callable[[State], Expr], state: State, least: Any) -> Expr:
+        """Rate of a term of the mesh [1/s], whose square may come from the state that is held."""
+        found = square(state)
+        if self.lag is not None:
+            found = (1 - self.lag.share) * found + self.lag.share * square(self.lag.state)
+        return bounded(found, least)
 
     # -- balances ------------------------------------------------------------------------------
 
@@ -370,7 +403,7 @@ class TwoFluidForms:
         """Momentum of the solids, with wall friction and the weak condition u_s.n = 0."""
         rho, solid = self.at_point.grain.density, self.solid(now)
         a, a0 = solid.alpha, self.alpha(old)
-        eddy = rho * a * self.grid_viscosity(now.u_s)
+        eddy = rho * a * self.grid_viscosity(now, "u_s")
         stress = solid.stress() + 2 * eddy * solid.strain
         stress -= self.eddy_pressure(now.ln_k_s, now) * rho * a * ufl.Identity(3)
         flux = a * now.u_s + self.numerical_flux(now)
@@ -404,7 +437,7 @@ class TwoFluidForms:
         flux = a * now.u_g
         if self.solids is not None:
             flux = flux - self.numerical_flux(now)
-            mu += rho * self.grid_viscosity(now.u_g)
+            mu += rho * self.grid_viscosity(now, "u_g")
         stress = 2 * a * mu * self.strain(now, "u_g")
         stress -= self.eddy_pressure(now.ln_k, now) * rho * a * ufl.Identity(3)
         along = self.axis.change(lambda s: (1 - self.alpha(s)) * s.u_g[2] * s.u_g, now)

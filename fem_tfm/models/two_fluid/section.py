@@ -26,7 +26,7 @@ from fem_tfm.geometry.mesh import Mesh
 from fem_tfm.materials import Gas, Solids
 from fem_tfm.models import section
 from fem_tfm.models.section import structure
-from fem_tfm.models.two_fluid.forms import Domain, Stabilisation, State, TwoFluidForms
+from fem_tfm.models.two_fluid.forms import Domain, Lag, Stabilisation, State, TwoFluidForms
 from fem_tfm.models.two_fluid.model import TwoFluid
 from fem_tfm.solvers.easing import MeshTerms
 from fem_tfm.solvers.newton import Block, Border
@@ -131,7 +131,8 @@ class TwoFluidSection(section.Section):
         super().__init__(mesh, setup, setup.names, _element(mesh.mesh, setup.names), develops)
         self.source = self._constant(0.0)
         self.domain = self._domain()
-        self.model = TwoFluidForms(*setup.bound(self._number), self._axis(), self.domain)
+        lag = None if develops or not setup.solids else Lag(self.lag, self.state(self.old))
+        self.model = TwoFluidForms(*setup.bound(self._number), self._axis(), self.domain, lag)
         self.mesh_terms, self.rougher = MeshTerms(), None
         self.build(progress)
 
