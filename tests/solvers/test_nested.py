@@ -22,7 +22,7 @@ def ways(previous: Any, told: list[Any]) -> Any:
         calm=lambda section: told.append("calm"),
         ease=lambda section, terms: told.append(terms),
     )
-    section = SimpleNamespace(newton=None, old=None, idt=None)
+    section = SimpleNamespace(newton=None, old=None, idt=None, lag=None)
     control = PseudoTimeControl(
         first=1e-3, largest=1e3, smallest=1e-9, tolerance=1e-9, max_steps=200
     )
@@ -60,7 +60,7 @@ def test_a_careful_start_has_the_standard_terms_of_the_mesh() -> None:
 
 
 def test_a_section_without_such_terms_has_the_marches_alone() -> None:
-    section = SimpleNamespace(newton=None, old=None, idt=None)
+    section = SimpleNamespace(newton=None, old=None, idt=None, lag=None)
     control = PseudoTimeControl(first=1e-3, largest=1e3, smallest=1e-9)
     scheme = replace(SCHEME, ease=None, calm=None)
     found = nested._ways(section, control, None, nested.QUIET, scheme)

@@ -31,7 +31,9 @@ class Membrane:
         self.load, self.idt = fem.Constant(domain, 0.0), fem.Constant(domain, 0.0)
         self.target = fem.Constant(domain, mean)
         u, w, dx = self.u, ufl.TestFunction(space), ufl.dx(metadata={"quadrature_degree": 6})
-        flux = (1 + u * u) * ufl.grad(u)
+        self.lag = fem.Constant(domain, 0.0)
+        square = (1 - self.lag) * u * u + self.lag * self.old * self.old
+        flux = (1 + square) * ufl.grad(u)
         residual = (self.idt * (u - self.old) * w + ufl.inner(flux, ufl.grad(w))) * dx
         residual -= self.load * w * dx
         domain.topology.create_connectivity(0, 1)
@@ -150,6 +152,29 @@ def test_a_matrix_without_a_solution_is_refused() -> None:
     problem.idt.value = np.nan
     with pytest.raises(LinearSolveError):
         problem.newton.step()
+
+
+def test_what_is_held_is_let_go_near_the_steady_state() -> None:
+    """Small steps hold, those of the answer do not, and the answer is that without holding."""
+    problem, told = Membrane(), []
+    problem.march.lag = lag = problem.lag
+    problem.march.observe = lambda row: told.append((row["dt"], float(lag.value)))
+    problem.march.run()
+    free = Membrane()
+    free.march.run()
+    assert float(problem.load.value) == pytest.approx(float(free.load.value), rel=1e-9)
+    small = [held for dt, held in told if dt < CONTROL.largest]
+    assert small and all(small) and told[-1] == (CONTROL.largest, 0.0)
+    assert float(lag.value) == 0.0
+
+
+def test_a_march_that_fails_holds_nothing_afterwards() -> None:
+    problem = Membrane()
+    problem.march.lag = lag = problem.lag
+    problem.march.control = PseudoTimeControl(first=1e-6, largest=1e8, smallest=1e-9, max_steps=2)
+    with pytest.raises(SolverError, match="not steady"):
+        problem.march.run()
+    assert float(lag.value) == 0.0
 
 
 def test_no_steady_state_within_the_steps() -> None:

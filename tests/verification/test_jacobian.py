@@ -171,6 +171,26 @@ def test_every_block(which: str, name: str) -> None:
     assert set(NAMES) - set(errors) == EMPTY[name]
 
 
+def test_rates_of_the_mesh_that_are_held() -> None:
+    """Held at the state itself they change no residual, at another one they do; Newton sees it."""
+    found = section("default")
+    linear, before = Linear(found), found.old.x.array.copy()
+    found.idt.value = 0.0
+    try:
+        free = linear.residual()
+        found.lag.value = 1.0
+        held = linear.residual()
+        errors = compare(found, "u_s")
+        found.old.x.array[:] = found.now.x.array
+        same = linear.residual()
+    finally:
+        found.lag.value, found.idt.value = 0.0, 300.0
+        found.old.x.array[:] = before
+    size = np.linalg.norm(free)
+    assert np.linalg.norm(same - free) < 1e-12 * size < 1e-6 * np.linalg.norm(held - free)
+    assert max(errors.values()) < TOLERANCE, errors
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("changes", _every_law())
 def test_every_block_of_every_law(changes: dict[str, Any]) -> None:
@@ -215,7 +235,7 @@ def parameters(found: Section) -> dict[str, fem.Constant]:
     laws = {f.name: getattr(model.closures, f.name) for f in fields(model.closures)}
     groups |= {name: law for name, law in laws.items() if hasattr(law, "__dataclass_fields__")}
     known = {"gravity": model.gravity, "idt": found.idt, "drive": found.drive}
-    known["source"] = found.source
+    known |= {"source": found.source, "lag": found.lag}
     for group, values in groups.items():
         numbers = {f.name: getattr(values, f.name) for f in fields(values)}
         constants = {n: c for n, c in numbers.items() if isinstance(c, fem.Constant)}

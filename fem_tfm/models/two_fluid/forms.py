@@ -478,10 +478,10 @@ class TwoFluidForms:
         slope, speed = self.axis.gradient(c), ufl.sqrt(solid.theta)
         if self.closures.theta == "algebraic":
             wanted = ufl.sqrt(self.algebraic_theta(now, solid))
-            lag = idt * self.numerics.relaxation * (c - old.c)
+            delay = idt * self.numerics.relaxation * (c - old.c)
             smooth = self.numerics.smoothing**2 * slope
             return (
-                (c - wanted + lag) * w + ufl.inner(smooth, self.axis.gradient(w))
+                (c - wanted + delay) * w + ufl.inner(smooth, self.axis.gradient(w))
             ) * self.domain.dx
         energy = self.energy(now, solid)
         flux = solid.alpha * now.u_s + self.numerical_flux(now)
