@@ -158,7 +158,7 @@ def _ways(
     if previous is not None:
         warm = _standard(scheme, partial(_from, previous, scheme))
         near = _march(section, _near(control), observer)
-        quick = [(partial(near.run, control.largest), warm), *direct, (march.run, warm)]
+        quick = [(partial(near.run, control.largest), warm), (march.run, warm), *direct]
         quick += [(march.run, cold), *calm]
     else:
         if scheme.ease is not None:

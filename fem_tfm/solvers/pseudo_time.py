@@ -20,8 +20,6 @@ from fem_tfm.solvers.step import StepControl, attempt
 
 # a steady state may still move by this many tolerances in a step of the largest dt
 STEP_ALLOWANCE = 1e4
-# update above which, or below the largest dt, a step holds what `lag` holds
-LAGGED = 1e-3
 # largest growth of dt after a step that was taken back
 CAUTIOUS = 10.0
 
@@ -69,8 +67,8 @@ class PseudoTime:
     control : step control
     observe : called after each accepted step with the newest row; may raise to stop
     retry : called with the new dt [s] and the reason when a step is taken back
-    lag : Constant, 1 where the residual shall take what stops Newton from `old`, which makes a
-        step easier and convergence linear; 0 near the steady state and afterwards
+    lag : Constant, 1 where the residual shall take what stops Newton from `old`; it is so while a
+        step that was taken back is tried again
     """
 
     def __init__(
@@ -113,10 +111,12 @@ class PseudoTime:
             dt = self._accepted_step(wanted, history)
             row = history.rows[-1]
             self.observe(row)
-            if self._exact and (self._settled(row) or self._confirmed(row, history)):
+            if self._settled(row) or self._confirmed(row, history):
                 return history
             growth = self._growth(row)
-            dt = min(dt * (growth if dt == wanted else min(growth, CAUTIOUS)), control.largest)
+            if dt < wanted:
+                growth = min(growth, CAUTIOUS)
+            dt = min(dt * growth, control.largest)
         raise SolverError(
             f"not steady after {control.max_steps} pseudo-time steps "
             f"(relative update {history.update:.1e}, wanted {control.tolerance:.0e})"
@@ -126,12 +126,6 @@ class PseudoTime:
         """Take what stops Newton from `old`, or not."""
         if self.lag is not None:
             self.lag.value = float(held)
-
-    @property
-    def _exact(self) -> bool:
-        """Whether nothing is held that the tolerance could tell."""
-        held = self.lag is not None and float(self.lag.value) > 0
-        return not held or self.control.tolerance >= LAGGED
 
     def approach(self) -> None:
         """Go towards the steady state with the factors of a neighbouring problem, while they lead.
@@ -189,11 +183,9 @@ class PseudoTime:
             # far above the first step the failure says little: go half-way back (in decades)
             return min(dt * control.cut, math.sqrt(dt * control.first))
 
-        far = bool(history.rows) and history.update > LAGGED
-
-        def step(dt: float) -> dict[str, float]:
-            self._hold(far or dt < control.largest)
-            return self._step(dt)
+        def step(tried: float) -> dict[str, float]:
+            self._hold(tried < dt)
+            return self._step(tried)
 
         row = attempt(
             dt,
