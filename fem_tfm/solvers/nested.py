@@ -119,8 +119,8 @@ def solve_level(
     """Steady state of one section from a cold start, or from another mesh's answer.
 
     A warm start takes the largest step at once. Where it falls back to steps below the first one
-    of a cold start, or wanders, a calm state is followed to the stated one; then the warm start is
-    made again with that first step. A cold start goes over a state that stronger terms of the mesh
+    of a cold start, or wanders, it is made again with that first step; then a calm state is
+    followed to the stated one, and then the mesh starts cold. A cold start goes over a state that stronger terms of the mesh
     hold up, and then without it. Then a calm state is followed to the stated one as far as may be,
     and the section tells how far that was. What still fails starts cold and careful, and then with
     more of the mesh's terms, which are lowered as far as the solution follows.
@@ -146,8 +146,9 @@ def _ways(
 ) -> _Ways:
     """Ways from a cold start, or from the answer of another mesh.
 
-    On a finer mesh a branch is followed before a march: it takes some hundred factorisations at
-    most, and a march that fails several hundred.
+    On a finer mesh the march from the coarser answer leads first: its steps hold the rates of the
+    mesh's terms where they are hard, so that it needs a few dozen factorisations, and following a
+    branch some hundred.
     """
     patient = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
     march, careful = (_march(section, c, observer) for c in (patient, replace(patient, **CAREFUL)))
