@@ -158,8 +158,11 @@ def _ways(
     quick: list[Way] = []
     if previous is not None:
         warm = _standard(scheme, partial(_from, previous, scheme))
-        near = _march(section, _near(control), observer)
-        quick = [(partial(near.run, control.largest), warm), (march.run, warm), *direct]
+        few = math.ceil(WARM_PATIENCE * control.max_steps)
+        near, again = (
+            _march(section, c, observer) for c in (_near(control), replace(control, max_steps=few))
+        )
+        quick = [(partial(near.run, control.largest), warm), (again.run, warm), *direct]
         quick += [(march.run, cold), *calm]
     else:
         if scheme.ease is not None:
