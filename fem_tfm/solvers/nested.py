@@ -24,7 +24,7 @@ COARSE_TOLERANCE = 1e-3
 # update of a coarser mesh that only leads the finest one and tells its error
 GUIDE_TOLERANCE = 1e-6
 # shares of the largest number of steps: for one way to start, for a warm start, which needs a
-# handful of steps or never ends, and for lowering the mesh's terms
+# handful of steps or never ends, and for its second trial and for lowering the mesh's terms
 PATIENCE, WARM_PATIENCE, FOLLOWING = 0.5, 0.2, 0.3
 # share of a correction that a full Newton step of a warm start has to remove: shorter steps do not
 # leave the neighbourhood of the answer
@@ -158,10 +158,8 @@ def _ways(
     quick: list[Way] = []
     if previous is not None:
         warm = _standard(scheme, partial(_from, previous, scheme))
-        few = math.ceil(WARM_PATIENCE * control.max_steps)
-        near, again = (
-            _march(section, c, observer) for c in (_near(control), replace(control, max_steps=few))
-        )
+        some = replace(control, max_steps=math.ceil(FOLLOWING * control.max_steps))
+        near, again = (_march(section, c, observer) for c in (_near(control), some))
         quick = [(partial(near.run, control.largest), warm), (again.run, warm), *direct]
         quick += [(march.run, cold), *calm]
     else:

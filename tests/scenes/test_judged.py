@@ -19,6 +19,7 @@ from fem_tfm.output.summary import MESH_NOTE, error_notes
 from fem_tfm.scenes import dense
 from fem_tfm.scenes.developed import ONE_MESH
 from fem_tfm.scenes.judged import answer as judged
+from fem_tfm.scenes.judged import finer
 from fem_tfm.scenes.judged.answer import judge, with_expansion
 from fem_tfm.solvers.easing import MeshTerms
 
@@ -190,6 +191,31 @@ def test_a_mesh_too_coarse_for_a_bed_does_not_tell_the_error_of_another(
     assert len(said) == (level < 3)
     assert all(("raise numerics.level" in text) == (level == 1) for text in said)
     answer.close()
+
+
+@pytest.mark.parametrize(
+    ("bed", "densest", "holdup", "meshes", "size", "word"),
+    [
+        (0.1, 0.6, 0.1, 2, 0.1, "10 % of the section is a bed"),
+        (0.002, 0.46, 0.01, 2, 0.1, "strand of fraction 0.46"),
+        (0.002, 0.46, 0.01, 3, 0.1, ""),
+        (0.002, 0.46, 0.01, 2, 0.05, ""),
+        (0.0, 0.1, 0.01, 2, 0.1, ""),
+        (0.0, 0.5, 0.3, 2, 0.1, ""),
+    ],
+)
+def test_what_two_meshes_do_not_hold(
+    bed: float, densest: float, holdup: float, meshes: int, size: float, word: str
+) -> None:
+    """A bed, or a strand far above the hold-up, where one of two meshes has large cells."""
+    physics = SimpleNamespace(
+        section=SimpleNamespace(hydraulic_diameter=1.0),
+        resolution=SimpleNamespace(core_size=lambda section: size),
+    )
+    values = {"bed_fraction": bed, "max_solids_fraction": densest, "holdup": holdup}
+    solution = SimpleNamespace(levels=[None] * meshes)
+    said = finer.unresolved(physics, solution, {"quantities": values})  # type: ignore[arg-type]
+    assert (word in said) if word else said == ""
 
 
 def test_meshes_that_go_on_to_disagree_end_with_status_3(

@@ -18,6 +18,8 @@ from fem_tfm.solvers import nested
 # core cells over the hydraulic diameter of a mesh that holds no bed well, and of one that is for a
 # quick look; share of the section that is packed from which there is a bed
 HOLDS_NO_BED, QUICK_LOOK, LEAST_BED = 0.15, 0.11, 0.02
+# largest solids fraction from which grains run in a strand, and how much it is above the hold-up
+STRAND, GATHERED = 0.2, 4.0
 # meshes beyond the finest that the scene asks for, each with half its cells' size, and their budget
 MOST_MESHES, MOST_UNKNOWNS = 2, 60_000
 
@@ -43,7 +45,8 @@ def trusted(
 ) -> dict[str, Any]:
     """What the answer is made of, on finer meshes where those of the scene disagree.
 
-    Where the only other mesh is too coarse for the bed of the answer, the two may agree by chance:
+    Where the only other mesh is too coarse for the bed or strand of the answer, the two may agree by
+    chance:
     a finer mesh follows, or a note where the mesh is for a quick look.
 
     limits : tolerance and largest number of steps
@@ -54,7 +57,7 @@ def trusted(
         a state is no answer, or a finer mesh has none.
     """
     physics, found = scene.physics, recorder.take(solution)
-    bedded = _unresolved(physics, solution, found)
+    bedded = unresolved(physics, solution, found)
     if bedded and physics.resolution.core_size(physics.section) > QUICK_LOOK * _width(physics):
         found["notes"] = [*found.get("notes", ()), f"{bedded}: raise numerics.level"]
         bedded = ""
@@ -85,15 +88,20 @@ def _width(physics: Any) -> float:
     return float(physics.section.hydraulic_diameter)
 
 
-def _unresolved(physics: Any, solution: nested.Solution, found: Mapping[str, Any]) -> str:
+def unresolved(physics: Any, solution: nested.Solution, found: Mapping[str, Any]) -> str:
     """Why two meshes tell too little of the error of a bed; an empty text where they do not."""
-    if len(solution.levels) != 2:
-        return ""
     coarse = 2 * physics.resolution.core_size(physics.section)
-    bed = found["quantities"].get("bed_fraction", 0.0)
-    if bed < LEAST_BED or coarse < HOLDS_NO_BED * _width(physics):
+    if len(solution.levels) != 2 or coarse < HOLDS_NO_BED * _width(physics):
+        return ""
+    values = found["quantities"]
+    bed, densest = values.get("bed_fraction", 0.0), values.get("max_solids_fraction", 0.0)
+    if bed >= LEAST_BED:
+        what = f"{100 * bed:.0f} % of the section is a bed"
+    elif densest >= max(STRAND, GATHERED * values.get("holdup", 0.0)):
+        what = f"the solids gather in a strand of fraction {densest:.2g}"
+    else:
         return ""
     return (
-        f"{100 * bed:.0f} % of the section is a bed, for which the coarser of the two meshes is too"
-        " coarse, so that the error may be larger than its estimate"
+        f"{what}, for which the coarser of the two meshes is too coarse, so that the error may be"
+        " larger than its estimate"
     )
