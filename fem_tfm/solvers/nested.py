@@ -120,10 +120,11 @@ def solve_level(
 
     A warm start takes the largest step at once. Where it falls back to steps below the first one
     of a cold start, or wanders, it is made again with that first step; then a calm state is
-    followed to the stated one, and then the mesh starts cold. A cold start goes over a state that stronger terms of the mesh
-    hold up, and then without it. Then a calm state is followed to the stated one as far as may be,
-    and the section tells how far that was. What still fails starts cold and careful, and then with
-    more of the mesh's terms, which are lowered as far as the solution follows.
+    followed to the stated one, and then the mesh starts cold. A cold start goes over a state that
+    stronger terms of the mesh hold up, and then without it. Then a calm state is followed to the
+    stated one as far as may be, and the section tells how far that was. What still fails starts
+    cold and careful, and then with more of the mesh's terms, which are lowered as far as the
+    solution follows.
 
     Raises
     ------

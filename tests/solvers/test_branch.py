@@ -114,6 +114,7 @@ class Section:
         self.newton, self.now = self.problem.newton, self.problem.u
         self.old = self.now.copy()
         self.idt = fem.Constant(self.now.function_space.mesh, 0.0)
+        self.lag = None
         self.ease(MeshTerms(rate=10**easing.CALMEST))
 
     def ease(self, terms: MeshTerms) -> None:

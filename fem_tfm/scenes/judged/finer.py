@@ -45,9 +45,8 @@ def trusted(
 ) -> dict[str, Any]:
     """What the answer is made of, on finer meshes where those of the scene disagree.
 
-    Where the only other mesh is too coarse for the bed or strand of the answer, the two may agree by
-    chance:
-    a finer mesh follows, or a note where the mesh is for a quick look.
+    Where the only other mesh is too coarse for the bed or strand of the answer, the two may agree
+    by chance: a finer mesh follows, or a note where the mesh is for a quick look.
 
     limits : tolerance and largest number of steps
 
