@@ -235,7 +235,7 @@ def parameters(found: Section) -> dict[str, fem.Constant]:
     laws = {f.name: getattr(model.closures, f.name) for f in fields(model.closures)}
     groups |= {name: law for name, law in laws.items() if hasattr(law, "__dataclass_fields__")}
     known = {"gravity": model.gravity, "idt": found.idt, "drive": found.drive}
-    known |= {"source": found.source, "lag": found.lag}
+    known["source"] = found.source
     for group, values in groups.items():
         numbers = {f.name: getattr(values, f.name) for f in fields(values)}
         constants = {n: c for n, c in numbers.items() if isinstance(c, fem.Constant)}
