@@ -72,10 +72,11 @@ PROFILE_UNITS = {
 UNKNOWNS_PER_CELL, GAS_UNKNOWNS_PER_CELL, UNKNOWNS_PER_SCALE = 17.5, 6.8, 2.1
 BASE_MEMORY, MEMORY_PER_UNKNOWN, TIME_PER_UNKNOWN, TRANSPORT_FACTOR = 170, 0.012, 2.5e-4, 4
 COMPILE_TIME, COMPILE_TIME_PER_SCALE = 15, 11
-# how much more a level line below Rizk's saltation velocity takes, measured on pulverised coal and
-# on the line of the README: it starts several times; and once more, measured on cement and alumina,
-# where eddies lift such grains: meshes disagree and finer ones follow
-BED_FACTOR, LIFTED_FACTOR = 10, 3
+# how much more a level line takes below Rizk's saltation velocity, or above it where eddies hold
+# grains up in part, so that they run in a strand: it starts several times, and a third mesh
+# follows; measured on pulverised coal, flour and the line of the README; and once more, measured on
+# cement, where eddies lift the grains of a bed: meshes disagree and finer ones follow
+BED_FACTOR, LIFTED_FACTOR = 20, 2
 # distances of a wall law over the diameter: the largest, and the default, which a slow gas may have
 # inside its sublayer; a smaller one was given, and has to have this y+
 LARGEST_OFFSET, LEAST_OFFSET, LEAST_Y_PLUS = 0.1, 0.01, 5.0
@@ -243,10 +244,11 @@ class Dense(SectionPhysics):
         """About the memory [MB] and the CPU time [s] of solving and of compiling the forms."""
         scales = len(self.scene.model.scales)
         factor = TRANSPORT_FACTOR if scales else 1
-        if plausible.expects_bed(self.scene):
-            factor *= BED_FACTOR * (
-                LIFTED_FACTOR if plausible.lifts(self.scene, self.scene.model.solids) else 1
-            )
+        bedded = plausible.expects_bed(self.scene)
+        if bedded or plausible.expects_strand(self.scene):
+            factor *= BED_FACTOR
+        if bedded and plausible.lifts(self.scene, self.scene.model.solids):
+            factor *= LIFTED_FACTOR
         return {
             "memory": BASE_MEMORY + MEMORY_PER_UNKNOWN * unknowns,
             "solve": factor * TIME_PER_UNKNOWN * unknowns + 1,

@@ -24,8 +24,8 @@ COARSE_TOLERANCE = 1e-3
 # update of a coarser mesh that only leads the finest one and tells its error
 GUIDE_TOLERANCE = 1e-6
 # shares of the largest number of steps: for one way to start, for a warm start, which needs a
-# handful of steps or never ends, and for its second trial and for lowering the mesh's terms
-PATIENCE, WARM_PATIENCE, FOLLOWING = 0.5, 0.2, 0.3
+# handful of steps or never ends, for its second trial, and for lowering the mesh's terms
+PATIENCE, WARM_PATIENCE, SECOND_PATIENCE, FOLLOWING = 0.5, 0.2, 0.1, 0.3
 # share of a correction that a full Newton step of a warm start has to remove: shorter steps do not
 # leave the neighbourhood of the answer
 WARM_DECREASE = 0.6
@@ -159,7 +159,7 @@ def _ways(
     quick: list[Way] = []
     if previous is not None:
         warm = _standard(scheme, partial(_from, previous, scheme))
-        some = replace(control, max_steps=math.ceil(FOLLOWING * control.max_steps))
+        some = replace(control, max_steps=math.ceil(SECOND_PATIENCE * control.max_steps))
         near, again = (_march(section, c, observer) for c in (_near(control), some))
         quick = [(partial(near.run, control.largest), warm), (again.run, warm), *direct]
         quick += [(march.run, cold), *calm]

@@ -142,6 +142,14 @@ def expects_bed(scene: Any) -> bool:
     return bool(scene.feed.gas_velocity < rizk)
 
 
+def expects_strand(scene: Any) -> bool:
+    """Whether eddies hold the grains of a level line up in part, by Rouse."""
+    solids = scene.model.solids
+    if solids is None or not scene.feed.gravity > 0 or is_steep(scene):
+        return False
+    return lifts(scene, solids) and rouse_number(scene, solids) > SUSPENDED
+
+
 def lifts(scene: Any, grains: Any) -> bool:
     """Whether the eddies of the gas lift grains, by Rouse."""
     return bool(scene.reynolds > TURBULENT and rouse_number(scene, grains) < SETTLED)
