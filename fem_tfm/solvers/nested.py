@@ -120,11 +120,11 @@ def solve_level(
 
     A warm start takes the largest step at once. Where it falls back to steps below the first one
     of a cold start, or wanders, it is made again with that first step; then a calm state is
-    followed to the stated one, and then the mesh starts cold. A cold start goes over a state that
-    stronger terms of the mesh hold up, and then without it. Then a calm state is followed to the
-    stated one as far as may be, and the section tells how far that was. What still fails starts
-    cold and careful, and then with more of the mesh's terms, which are lowered as far as the
-    solution follows.
+    followed to the stated one; then the warm start has more steps, and then the mesh starts cold.
+    A cold start goes over a state that stronger terms of the mesh hold up, and then without it.
+    Then a calm state is followed to the stated one as far as may be, and the section tells how far
+    that was. What still fails starts cold and careful, and then with more of the mesh's terms,
+    which are lowered as far as the solution follows.
 
     Raises
     ------
@@ -147,9 +147,9 @@ def _ways(
 ) -> _Ways:
     """Ways from a cold start, or from the answer of another mesh.
 
-    On a finer mesh the march from the coarser answer leads first: its steps hold the rates of the
-    mesh's terms where they are hard, so that it needs a few dozen factorisations, and following a
-    branch some hundred.
+    On a finer mesh a march from the coarser answer leads first, if it is short: one that gets there
+    takes a few dozen factorisations, following a branch some hundred, and a march that fails several
+    hundred.
     """
     patient = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
     march, careful = (_march(section, c, observer) for c in (patient, replace(patient, **CAREFUL)))
@@ -162,7 +162,7 @@ def _ways(
         some = replace(control, max_steps=math.ceil(SECOND_PATIENCE * control.max_steps))
         near, again = (_march(section, c, observer) for c in (_near(control), some))
         quick = [(partial(near.run, control.largest), warm), (again.run, warm), *direct]
-        quick += [(march.run, cold), *calm]
+        quick += [(march.run, warm), (march.run, cold), *calm]
     else:
         if scheme.ease is not None:
             quick.append(_braced(section, control, observer, scheme.ease, scheme.cold))

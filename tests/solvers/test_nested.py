@@ -46,11 +46,11 @@ def test_a_cold_mesh_starts_with_stronger_terms_then_without_then_calm() -> None
     assert starts(ways(None, told).quick, told) == expected
 
 
-def test_a_finer_mesh_starts_twice_from_the_coarser_answer_then_calm_then_cold() -> None:
+def test_a_finer_mesh_starts_from_the_coarser_answer_then_calm_then_both_again() -> None:
     """Each with the standard terms of the mesh: a way before may have raised them."""
     told: list[Any] = []
     warm, cold = [MeshTerms(), ("warm", 7)], [MeshTerms(), "cold"]
-    assert starts(ways(7, told).quick, told) == [*warm, *warm, *CALM, *cold, *CALM]
+    assert starts(ways(7, told).quick, told) == [*warm, *warm, *CALM, *warm, *cold, *CALM]
 
 
 def test_a_careful_start_has_the_standard_terms_of_the_mesh() -> None:
