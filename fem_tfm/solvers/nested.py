@@ -148,8 +148,8 @@ def _ways(
     """Ways from a cold start, or from the answer of another mesh.
 
     On a finer mesh a march from the coarser answer leads first, if it is short: one that gets there
-    takes a few dozen factorisations, following a branch some hundred, and a march that fails several
-    hundred.
+    takes a few dozen factorisations, following a branch some hundred, and a march that fails
+    several hundred.
     """
     patient = replace(control, max_steps=math.ceil(PATIENCE * control.max_steps))
     march, careful = (_march(section, c, observer) for c in (patient, replace(patient, **CAREFUL)))
