@@ -40,6 +40,7 @@ from fem_tfm.scenes.judged.coarser import (
     with_errors,
 )
 from fem_tfm.scenes.judged.finer import halved_mesh
+from fem_tfm.scenes.judged.places import check_step
 from fem_tfm.scenes.kinds import Kind, register
 from fem_tfm.scenes.particles.tracking import Slabs, exchange_of, following_time, slabs_of
 from fem_tfm.scenes.particles.words import parcel_memory
@@ -78,6 +79,7 @@ class Developing(SectionScene["LinePhysics", "LineRecorder"]):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        check_step(self.geometry, self.numerics.axial_step)
         # raises where the feed does not tell it
         _ = self.solids_inlet
 

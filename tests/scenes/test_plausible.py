@@ -273,6 +273,12 @@ def test_one_sentence_tells_a_slip_by_its_key(
         (LINE, {"geometry.radius": 0.03}, "geometry.radius", "'geometry.diameter'"),
         (
             LINE,
+            {"solution": "developing", "numerics.axial_step": 1e3},
+            "numerics.axial_step",
+            "a step up to geometry.length",
+        ),
+        (
+            LINE,
             {"operation.gas_velocity": 3.0},
             "operation.gas_velocity",
             "'operation.gas_superficial_velocity'",

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: LGPL-3.0-or-later
-"""Places that an unsteady scene names must lie in its line."""
+"""Places that a scene names must lie in its line."""
 
 from __future__ import annotations
 
@@ -31,6 +31,16 @@ def check_places(geometry: Shape, output: Any, initial: Any) -> None:
     if initial.bed_height is not None and initial.bed_height > height:
         words = f"a height up to that of the section, {height:g} m"
         raise InputError("initial.bed_height", initial.bed_height, words)
+
+
+def check_step(geometry: Shape, step: float | None) -> None:
+    """Refuse a largest step of a march that is longer than its line.
+
+    Raises InputError with the step and the length of the line.
+    """
+    if step is not None and step > geometry.length:
+        words = f"a step up to geometry.length = {geometry.length:g} m"
+        raise InputError("numerics.axial_step", step, words)
 
 
 def _inside(geometry: Shape, point: tuple[float, ...]) -> bool:
