@@ -72,11 +72,11 @@ PROFILE_UNITS = {
 UNKNOWNS_PER_CELL, GAS_UNKNOWNS_PER_CELL, UNKNOWNS_PER_SCALE = 17.5, 6.8, 2.1
 BASE_MEMORY, MEMORY_PER_UNKNOWN, TIME_PER_UNKNOWN, TRANSPORT_FACTOR = 170, 0.012, 2.5e-4, 4
 COMPILE_TIME, COMPILE_TIME_PER_SCALE = 15, 11
-# how much more a level line takes below Rizk's saltation velocity, or above it where eddies hold
-# grains up in part, so that they run in a strand: it starts several times, and a third mesh
-# follows; measured on pulverised coal, flour and the line of the README; and once more, measured on
-# cement, where eddies lift the grains of a bed: meshes disagree and finer ones follow
-BED_FACTOR, LIFTED_FACTOR = 20, 2
+# how much more a level line takes: where grains bounce (polyethylene, coal), where they make a bed,
+# or a strand as eddies hold them up in part: it starts several times, and a third mesh follows
+# (pulverised coal, flour, the line of the README); and once more where eddies lift the grains of a
+# bed (cement): meshes disagree and finer ones follow
+BOUNCING_FACTOR, BED_FACTOR, LIFTED_FACTOR = 4, 24, 2
 # distances of a wall law over the diameter: the largest, and the default, which a slow gas may have
 # inside its sublayer; a smaller one was given, and has to have this y+
 LARGEST_OFFSET, LEAST_OFFSET, LEAST_Y_PLUS = 0.1, 0.01, 5.0
@@ -244,16 +244,22 @@ class Dense(SectionPhysics):
         """About the memory [MB] and the CPU time [s] of solving and of compiling the forms."""
         scales = len(self.scene.model.scales)
         factor = TRANSPORT_FACTOR if scales else 1
-        bedded = plausible.expects_bed(self.scene)
-        if bedded or plausible.expects_strand(self.scene):
-            factor *= BED_FACTOR
-        if bedded and plausible.lifts(self.scene, self.scene.model.solids):
-            factor *= LIFTED_FACTOR
+        factor *= settling_factor(self.scene)
         return {
             "memory": BASE_MEMORY + MEMORY_PER_UNKNOWN * unknowns,
             "solve": factor * TIME_PER_UNKNOWN * unknowns + 1,
             "compile": COMPILE_TIME + COMPILE_TIME_PER_SCALE * scales,
         }
+
+
+def settling_factor(scene: Any) -> int:
+    """How much more a section takes where its grains settle [-]."""
+    solids, rouse = scene.model.solids, plausible.level_rouse(scene)
+    if plausible.expects_bed(scene):
+        return BED_FACTOR * (LIFTED_FACTOR if plausible.lifts(scene, solids) else 1)
+    if rouse > plausible.SETTLED:
+        return BOUNCING_FACTOR
+    return BED_FACTOR if rouse > plausible.SUSPENDED else 1
 
 
 def estimated(

@@ -142,12 +142,11 @@ def expects_bed(scene: Any) -> bool:
     return bool(scene.feed.gas_velocity < rizk)
 
 
-def expects_strand(scene: Any) -> bool:
-    """Whether eddies hold the grains of a level line up in part, by Rouse."""
+def level_rouse(scene: Any) -> float:
+    """Rouse number of the grains of a turbulent level line; 0 where nothing settles [-]."""
     solids = scene.model.solids
-    if solids is None or not scene.feed.gravity > 0 or is_steep(scene):
-        return False
-    return lifts(scene, solids) and rouse_number(scene, solids) > SUSPENDED
+    level = solids is not None and scene.feed.gravity > 0 and not is_steep(scene)
+    return rouse_number(scene, solids) if level and scene.reynolds > TURBULENT else 0.0
 
 
 def lifts(scene: Any, grains: Any) -> bool:
