@@ -77,6 +77,8 @@ COMPILE_TIME, COMPILE_TIME_PER_SCALE = 15, 11
 # (pulverised coal, flour, the line of the README); and once more where eddies lift the grains of a
 # bed (cement): meshes disagree and finer ones follow
 BOUNCING_FACTOR, BED_FACTOR, LIFTED_FACTOR = 4, 24, 2
+# hold-up up to which that was measured above the saltation velocity: dense flows take no longer
+SPARSE = 0.03
 # distances of a wall law over the diameter: the largest, and the default, which a slow gas may have
 # inside its sublayer; a smaller one was given, and has to have this y+
 LARGEST_OFFSET, LEAST_OFFSET, LEAST_Y_PLUS = 0.1, 0.01, 5.0
@@ -257,6 +259,8 @@ def settling_factor(scene: Any) -> int:
     solids, rouse = scene.model.solids, plausible.level_rouse(scene)
     if plausible.expects_bed(scene):
         return BED_FACTOR * (LIFTED_FACTOR if plausible.lifts(scene, solids) else 1)
+    if likely_holdup(scene) > SPARSE:
+        return 1
     if rouse > plausible.SETTLED:
         return BOUNCING_FACTOR
     return BED_FACTOR if rouse > plausible.SUSPENDED else 1
