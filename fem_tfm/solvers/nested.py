@@ -25,7 +25,9 @@ COARSE_TOLERANCE = 1e-3
 GUIDE_TOLERANCE = 1e-6
 # shares of the largest number of steps: for one way to start, for a warm start, which needs a
 # handful of steps or never ends, for its second trial, and for lowering the mesh's terms
-PATIENCE, WARM_PATIENCE, SECOND_PATIENCE, FOLLOWING = 0.5, 0.2, 0.1, 0.3
+PATIENCE, WARM_PATIENCE, SECOND_PATIENCE, FOLLOWING = 0.5, 0.2, 0.15, 0.3
+# smallest step of that trial over its first one: those that get there take steps of half the first
+SECOND_SMALLEST = 0.1
 # share of a correction that a full Newton step of a warm start has to remove: shorter steps do not
 # leave the neighbourhood of the answer
 WARM_DECREASE = 0.6
@@ -159,7 +161,8 @@ def _ways(
     quick: list[Way] = []
     if previous is not None:
         warm = _standard(scheme, partial(_from, previous, scheme))
-        some = replace(control, max_steps=math.ceil(SECOND_PATIENCE * control.max_steps))
+        few = math.ceil(SECOND_PATIENCE * control.max_steps)
+        some = replace(control, max_steps=few, smallest=SECOND_SMALLEST * control.first)
         near, again = (_march(section, c, observer) for c in (_near(control), some))
         quick = [(partial(near.run, control.largest), warm), (again.run, warm), *direct]
         quick += [(march.run, warm), (march.run, cold), *calm]

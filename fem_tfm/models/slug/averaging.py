@@ -26,7 +26,6 @@ import basix.ufl
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import expm
-from scipy.ndimage import convolve1d
 from scipy.special import ive
 
 from fem_tfm.models.slug.mesh import DEGREE, TubeMesh
@@ -61,6 +60,9 @@ class Averaging:
 
     def __call__(self, density: Array) -> Array:
         """The average of nodal values (n,) or (n, m)."""
+        # imported here, as it takes a tenth of a second, and other flows do without
+        from scipy.ndimage import convolve1d
+
         found = density.reshape(*self.shape, -1)
         if len(self._along) > 1:
             found = convolve1d(found, self._along, axis=0, mode="mirror")
