@@ -95,6 +95,7 @@ def page(directory: Path) -> str:
     parts = [f"<h1>{escape(title)}</h1>", *_head(result)]
     if result is not None:
         parts += section("Warnings", items(result.warnings))
+        parts += section("What the answer says of itself", items(result.notes))
         parts += section("Quantities", _quantities(result))
         parts += section("What unprinted inputs move", items(map(str, result.inputs)))
         parts += section("Published correlations for the same line", items(result.estimates))

@@ -183,6 +183,7 @@ class Result:
     quantities : by name; ``result["pressure_gradient"]`` is the value
     balances : relative error of each balance [-]
     skipped : what the scene did not need, and why
+    notes : what the answer says of itself: terms of the mesh that were raised, finer meshes
     inferred : inputs that the source does not print
     inputs : what some of them move the pressure gradient by
     estimates : what published correlations give for the same line, in words
@@ -215,6 +216,7 @@ class Result:
     quantities: dict[str, Quantity] = field(default_factory=dict)
     balances: dict[str, float] = field(default_factory=dict)
     skipped: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     inferred: list[str] = field(default_factory=list)
     inputs: list[InputRange] = field(default_factory=list)
     estimates: list[str] = field(default_factory=list)

@@ -44,6 +44,8 @@ def print_summary(result: Result, console: Console | None = None) -> None:
         console.print(_balances(result), width=width)
     for warning in result.warnings:
         console.print(Text(f"warning   {warning}", style="yellow"), width=width)
+    for note in result.notes:
+        console.print(Text(f"note      {note}"), width=width)
     lists = (
         ("inputs", [str(one) for one in result.inputs]),
         ("plausible", result.estimates),

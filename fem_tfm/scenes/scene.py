@@ -366,7 +366,7 @@ class Answer:
     errors : estimated errors of quantities, where they are known
     unestimated : why they are not known where none is
     references : published values that belong to the flow
-    notes : what this answer does without, beside what the scene skips
+    notes : what this answer says of itself: terms of the mesh that were raised, finer meshes
     inputs : what the inputs that the source does not print move the pressure gradient by
     state : what the scene may start a neighbour from
     """
@@ -448,7 +448,7 @@ def _finish(scene: Scene[Any, Any], answer: Answer, recorder: Recorder) -> Resul
     result.balances = dict(answer.balances)
     estimated = any(error is not None for error in answer.errors.values())
     result.unestimated = "" if estimated else answer.unestimated
-    result.skipped += answer.notes
+    result.notes = list(answer.notes)
     result.inputs = list(answer.inputs)
     result.estimates = scene.estimates(answer)
     recorder.write_all(result)

@@ -62,7 +62,7 @@ def refuse(constant: str) -> None:
 def test_keys_are_those_promised(tmp_path: Path) -> None:
     text = a_result().write(tmp_path).read_text()
     content = json.loads(text, parse_constant=refuse)
-    assert set(content) == KEYS | {"title", "reason", "warnings"}
+    assert set(content) == KEYS | {"title", "reason", "warnings", "notes"}
     assert content["quantities"]["pressure_gradient"] == {
         "value": 1700.0,
         "unit": "Pa/m",

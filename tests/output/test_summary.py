@@ -85,6 +85,13 @@ def test_what_inputs_move_is_told_apart_from_the_mesh() -> None:
     assert max(map(len, text.splitlines()[:-1])) <= 80
 
 
+def test_what_an_answer_says_of_itself_stands_in_full() -> None:
+    """However long the list of what was skipped is."""
+    notes = [f"the mesh that the case asks for: doubt {i}; this is a finer one" for i in range(5)]
+    text = printed(notes=notes)
+    assert all(f"note      {note}" in text for note in notes)
+
+
 @pytest.mark.parametrize(
     "text",
     ["Ding 2024, case 3 [b]", "converged: dense flow, developed", "1 632 cells",

@@ -165,7 +165,7 @@ def test_meshes_that_disagree_are_followed_by_finer_ones(
     assert result.cells > 3 * usual.cells
     gradient = result.quantities["pressure_gradient"]
     assert gradient.error_estimate < 2e-3 * gradient.value
-    assert any("this answer is from a finer one" in text for text in result.skipped)
+    assert any("this answer is from a finer one" in text for text in result.notes)
     assert "a finer mesh follows" in capsys.readouterr().out
     # its checkpoint belongs to the finer mesh
     again = case.scene.run(tmp_path / "run", resume=True)
