@@ -52,6 +52,13 @@ def test_more_work_is_told_to_take_longer(name: str, more: dict[str, Any]) -> No
     assert told(name, **more) > 1.3 * told(name)
 
 
+def test_lines_that_settle_are_told_to_take_longer() -> None:
+    """Bouncing grains more than a riser of as many unknowns, a strand or a bed more than those."""
+    found = {name: case.scene.expected_time() for name, case in times.cases().items()}
+    bouncing, bedded = found["coal, level"], found["pulverised coal, a bed"]
+    assert found["glass, riser"] < bouncing < bedded == found["flour, level"]
+
+
 @pytest.mark.parametrize("name", ["dense_pipe/developing", "square_duct/developing"])
 def test_a_march_is_told_with_that_for_its_error(name: str) -> None:
     alone = told(name, numerics__error_estimate=False)

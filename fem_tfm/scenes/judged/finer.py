@@ -88,7 +88,7 @@ def _width(physics: Any) -> float:
 
 
 def unresolved(physics: Any, solution: nested.Solution, found: Mapping[str, Any]) -> str:
-    """Why two meshes tell too little of the error of a bed; an empty text where they do not."""
+    """Why two meshes tell too little of the error of a bed or strand; empty where they do not."""
     coarse = 2 * physics.resolution.core_size(physics.section)
     if len(solution.levels) != 2 or coarse < HOLDS_NO_BED * _width(physics):
         return ""
